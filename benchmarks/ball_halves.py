@@ -17,7 +17,7 @@ from harness import command_line
 
 from acquisition import Lights, angle_deg, read_source
 from calibration import EstimateError, calibrate_spheres, linear_stack
-from calibration.spheres.geometry.reflection import orthographic_directions
+from calibration.spheres import orthographic_directions
 
 IMAGES = 12
 INDEX = np.arange(IMAGES)

@@ -22,7 +22,8 @@ import numpy as np
 from harness import Cost, alone, command_line, measured
 from sessions import write_session
 
-from acquisition import PlannedShot, read_source
+from acquisition import read_source
+from acquisition.plan import PlannedShot
 from calibration import linear_stack, open_stack
 from rig.arrays import UInt16
 

@@ -30,7 +30,7 @@ from benchmarks.paper.judge import AS_SURFACES, PLAIN, SAME_SURFACES, judge
 from benchmarks.paper.measure import IN_NORMALS, METHODS, Measured, measure
 from benchmarks.paper.peers import lapl_by_cholmod
 from processing import NormalMap
-from simulator import Textile
+from simulator.shapes import Textile
 
 ERRORS = (*PLAIN[::2], *SAME_SURFACES, *AS_SURFACES)
 

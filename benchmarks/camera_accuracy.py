@@ -12,7 +12,8 @@ import numpy as np
 from harness import command_line
 
 from acquisition import CameraModel
-from calibration import calibrate_camera, find_board, find_working_plane
+from calibration import calibrate_camera, find_board
+from calibration.camera import find_working_plane
 from simulator import Lens
 from tests.calibration.board_series import BOARD, CAMERA, FLAT, poses, shot
 

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from acquisition import CapturePlan, Labels, NoiseModel, Session, verify_session
-from acquisition.pixels.quality import measure_quality
+from acquisition.pixels import measure_quality
 from rig import RigConfig
-from simulator import ImageFormation, simulated_rig
-from simulator.bench.state import BenchState
-from simulator.camera.gentl_camera import GentlCamera, GentlDevice
-from simulator.led_board.virtual_board import VirtualBoard
+from simulator import simulated_rig
+from simulator.bench import BenchState
+from simulator.camera import GentlCamera, GentlDevice, ImageFormation
+from simulator.led_board import VirtualBoard
 
 LEDS = 36
 SIZE = (48, 64)

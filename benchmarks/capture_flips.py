@@ -19,15 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
-from acquisition import (
-    CapturePlan,
-    DataError,
-    Labels,
-    Manifest,
-    Session,
-    SessionWriter,
-    verify_session,
-)
+from acquisition import CapturePlan, DataError, Labels, Session, verify_session
+from acquisition.session import Manifest, SessionWriter
 
 PLAN = CapturePlan(leds=tuple(range(36)), exposures_us=(5000.0,))
 SIZE = (48, 64)

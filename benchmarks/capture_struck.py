@@ -94,7 +94,7 @@ def unplug():
 def reset():
     """Restart the board in the middle of a command."""
     import simulator.rigs.bench_rig as simulated
-    from simulator.led_board.faults import BoardFault
+    from simulator.led_board import BoardFault
 
     class Restarting(simulated.VirtualBoard):
         def __init__(self, *words):

@@ -25,7 +25,8 @@ from capture_bench import fast_bench, fast_options
 from harness import command_line, largest
 
 from acquisition import CapturePlan, Labels, record, verify_session
-from rig import Board, Rig, RigConfig, open_genicam
+from rig import Board, Rig, RigConfig
+from rig.genicam import open_genicam
 
 MOST_TIMES_CAMERA = 1.15
 MOST_FRAMES = 12

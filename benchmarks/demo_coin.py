@@ -20,7 +20,7 @@ from harness import command_line
 
 from acquisition import read_image
 from processing import NormalMap, angular_error, photometric_stereo, read_normals
-from processing.stereo.method import METHODS
+from processing.stereo import METHODS
 from rig.arrays import Float32
 from simulator import Rendering, Truth, render, resolved_normals, scene_named
 

@@ -17,11 +17,11 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 
 from acquisition import Lights, angle_deg
-from calibration import demosaic, luma
+from calibration.radiance import demosaic, luma
 from processing import photometric_stereo
 from rig.arrays import Bool, Float32, Float64
 from simulator import bench_sensor
-from simulator.camera.sensor import sensor_image
+from simulator.camera import sensor_image
 
 _SIZE = (240, 320)
 _SEEDS = (11, 12)

@@ -21,8 +21,10 @@ import cv2
 import numpy as np
 from harness import command_line
 
+from acquisition import angle_deg
 from benchmarks.paper.sources import DILIGENT
-from processing import FilterKind, NormalMap, ShapeFilter, angle_deg, read_normals, transfer
+from processing import NormalMap, ShapeFilter, read_normals, transfer
+from processing.detail import FilterKind
 from rig.arrays import Bool, Float64
 
 FILTERS: tuple[tuple[FilterKind, int], ...] = (

@@ -49,24 +49,23 @@ from acquisition import (
     Session,
     Source,
     read_camera,
-    read_flat,
     read_image,
-    read_import,
     read_lights,
     read_mask,
     read_plan,
-    read_raw,
-    read_sensor,
     read_source,
-    read_transfer,
     verify_session,
 )
+from acquisition.imports import read_import
 from acquisition.imports.image import read_for_import
+from acquisition.pixels import image_facts, read_raw
 from acquisition.pixels.icc_curve import icc_curve
-from acquisition.pixels.stated_facts import image_facts
-from processing import read_geometry, read_normals, read_ptm
+from acquisition.value_files import read_flat, read_sensor, read_transfer
+from processing import read_geometry, read_normals
+from processing.relight import read_ptm
 from rig import RigConfigError, UnreadableError, read_rig_config
-from simulator import MeshBody, read_scene
+from simulator import read_scene
+from simulator.shapes import MeshBody
 
 SECONDS = 5.0
 MEGABYTES = 1000

@@ -33,20 +33,18 @@ from acquisition import (
     Flat,
     Labels,
     Lights,
-    Manifest,
-    Measured,
     MeasuredSensor,
-    SessionWriter,
-    prepare_export,
     write_camera,
     write_exr,
-    write_flat,
     write_lights,
     write_png,
-    write_sensor,
-    write_tiff,
 )
-from processing import RelightableImage, write_ptm
+from acquisition.exports import prepare_export
+from acquisition.pixels import write_tiff
+from acquisition.session import Manifest, SessionWriter
+from acquisition.value_files import write_flat, write_sensor
+from acquisition.values import Measured
+from processing.relight import RelightableImage, write_ptm
 from simulator import scene_named, write_scene
 
 # Larger real files would only make the runs slower.

@@ -21,9 +21,7 @@ from harness import command_line
 from scipy.ndimage import gaussian_filter
 
 from acquisition import angle_deg
-from calibration.spheres.geometry.ellipse import Ellipse
-from calibration.spheres.geometry.reflection import orthographic_directions
-from calibration.spheres.highlights.highlights import find_highlights
+from calibration.spheres import Ellipse, find_highlights, orthographic_directions
 from rig.arrays import Float32, Float64
 
 SIZE, RADIUS_PX, LIGHTS = 221, 100.0, 12

@@ -22,10 +22,9 @@ from harness import Cost, alone, command_line, measured
 from scipy import sparse
 from scipy.sparse import linalg
 
-from processing.maps.normal_map import NormalMap
+from processing import NormalMap, integrate
 from processing.surface.chord_rule import orthographic_edges
 from processing.surface.grid_graph import divergence
-from processing.surface.integration import integrate
 from processing.surface.multigrid import solve
 from rig.arrays import Bool, Float32, Float64
 

@@ -19,8 +19,8 @@ import cv2
 import numpy as np
 from harness import command_line
 
-from acquisition import SRGB, read_image
-from processing import NormalMap, angle_deg, read_normals
+from acquisition import SRGB, angle_deg, read_image
+from processing import NormalMap, read_normals
 
 SAMPLING = {
     "444": cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,

@@ -27,7 +27,8 @@ from harness import command_line, largest
 from stereo_costs import dome, session
 from whole_commands import cost
 
-from acquisition import ComputedRows, Lights, write_exr
+from acquisition import Lights, write_exr
+from acquisition.files import ComputedRows
 from rig.arrays import Float32
 
 SGP = [sys.executable, "-m", "sgp"]

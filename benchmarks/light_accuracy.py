@@ -22,10 +22,11 @@ from sphere_setups import CORNERS, Exact, smaller
 
 from acquisition import CameraModel, angle_deg
 from calibration import EstimateError, SphereCalibration, calibrate_spheres
-from calibration.spheres.geometry.ellipse import fit_ellipse
+from calibration.spheres import fit_ellipse
 from rig.arrays import Float32, Float64
-from simulator import ChromeSphere, Even, Lens, Scene, Truth, bench_sensor, dome_lights, render
-from simulator.camera.sensor import sensor_image
+from simulator import ChromeSphere, Lens, Scene, Truth, bench_sensor, dome_lights, render
+from simulator.camera import sensor_image
+from simulator.shapes import Even
 
 LONG_US, SHORT_US = 20000.0, 40.0
 # Largest mean errors that are accepted at full size, by the number of spheres.

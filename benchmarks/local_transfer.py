@@ -20,7 +20,8 @@ from harness import command_line, copy_s, measured
 from matplotlib.axes import Axes
 
 from benchmarks.paper.faces import FACES
-from processing import NormalMap, Pose, read_normals, transfer_local
+from processing import NormalMap, read_normals, transfer_local
+from processing.detail import Pose
 from sgp.pictures.sheet import Panel, write_overview
 
 # Section of the target in the pictures: first column, first row, side.

@@ -16,7 +16,8 @@ import numpy as np
 from drawn_lone_balls import LoneBall, lone_ball
 from harness import command_line
 
-from acquisition import Lights, angle_deg, led_of
+from acquisition import Lights, angle_deg
+from acquisition.values import led_of
 from calibration import EstimateError, calibrate_spheres
 
 

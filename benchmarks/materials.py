@@ -19,9 +19,9 @@ from harness import command_line
 from acquisition import Lights, angle_deg
 from calibration import StackNoise
 from processing import photometric_stereo
-from processing.stereo.method import METHODS
+from processing.stereo import METHODS
 from rig.arrays import Bool, Float64
-from simulator import Ggx, OrenNayar
+from simulator.scene import Ggx, OrenNayar
 from simulator.scene.reflectance import reflectance
 
 # Variance per value and without light, where white is 1: 10 000 electrons at white, 5 read noise.

@@ -15,16 +15,18 @@ import numpy as np
 import trimesh
 from harness import Cost, command_line, copy_s, measured
 
-from simulator.shapes.carved_surfaces import (
+from simulator.shapes import (
+    BandNoise,
+    Coin,
     CrackedLeather,
     LizardScales,
+    MeshBody,
+    Ripples,
+    SphericalCap,
     StepGauge,
     Textile,
     WoodCarving,
 )
-from simulator.shapes.coin import Coin
-from simulator.shapes.mesh import MeshBody
-from simulator.shapes.surface import BandNoise, Ripples, SphericalCap
 
 EYE, LAMP = np.array([0.0, 0.0, 600.0]), np.array([250.0, 120.0, 350.0])
 

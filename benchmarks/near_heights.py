@@ -17,12 +17,12 @@ import numpy as np
 from harness import command_line
 
 from acquisition import Lights
-from processing import angular_error, photometric_stereo
+from processing import Method, angular_error, photometric_stereo
 from processing.images.viewing_rays import Perspective
 from processing.near.near_height import near_height
-from processing.stereo.method import Method
 from rig.arrays import AnyArray, Float32
-from simulator import Ggx, Rendering, Truth, render, scene_named
+from simulator import Rendering, Truth, render, scene_named
+from simulator.scene import Ggx
 
 SCENES = (
     "coin", "tilted-plane", "sphere", "scales", "woodcarving", "leather", "plane", "step-gauge",

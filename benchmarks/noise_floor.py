@@ -17,8 +17,9 @@ import numpy as np
 from acquisition import Frame, Lights, Source, angle_deg
 from calibration import Stack, linear_stack
 from rig.arrays import Bool, Float64
-from simulator import Measurement, bench_sensor, cramer_rao_deg
-from simulator.camera.sensor import sensor_image
+from simulator import bench_sensor
+from simulator.camera import sensor_image
+from simulator.rendering import Measurement, cramer_rao_deg
 
 _SIZE = 161
 _CASES = {

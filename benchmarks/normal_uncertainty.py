@@ -21,12 +21,15 @@ from itertools import islice
 import numpy as np
 from harness import command_line
 
-from acquisition import LightErrors, Lights, angle_deg, tangent_basis
+from acquisition import LightErrors, Lights, angle_deg
+from acquisition.values import tangent_basis
 from calibration import StackNoise
-from processing import Method, NormalUncertainty, normal_uncertainty, photometric_stereo
-from processing.stereo.method import METHODS
+from processing import Method, photometric_stereo
+from processing.noise import NormalUncertainty, normal_uncertainty
+from processing.stereo import METHODS
 from rig.arrays import Bool, Float64
-from simulator import Ggx, render, scene_named
+from simulator import render, scene_named
+from simulator.scene import Ggx
 from simulator.scene.reflectance import reflectance
 
 # Variance per value and without light, where white is 1: 10 000 electrons at white, 5 read noise.

@@ -16,7 +16,7 @@ from harness import command_line, copy_s, measured
 from acquisition import Lights, read_source
 from calibration import StackNoise, linear_stack
 from processing import StereoMaps, angular_error, normals_of_frames, photometric_stereo
-from processing.stereo.method import METHODS
+from processing.stereo import METHODS
 
 MIB = 2.0**20
 

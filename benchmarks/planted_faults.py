@@ -17,7 +17,7 @@ from harness import command_line
 
 from acquisition import read_source
 from calibration import linear_stack
-from processing import image_quality
+from processing.checks import image_quality
 
 
 def main() -> None:

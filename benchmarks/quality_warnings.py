@@ -23,7 +23,8 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from acquisition import Lights
-from processing import image_quality, photometric_stereo
+from processing import photometric_stereo
+from processing.checks import image_quality
 from rig.arrays import Bool, Float32, Float64
 from simulator import SCENES, render, scene_named
 

@@ -10,30 +10,23 @@ import numpy as np
 
 from acquisition import CameraModel
 from rig.arrays import Float32, Float64
-from simulator import (
-    Ball,
+from simulator import ChromeSphere, Lens, Scene, bench_camera, bench_sensor, dome_lights, render
+from simulator.camera import sensor_image
+from simulator.scene import Ball, Box
+from simulator.shapes import (
     BandNoise,
-    Box,
     ChArUco,
     Checker,
-    ChromeSphere,
     Cork,
     Even,
     Gradient,
-    Lens,
     Paint,
     Pattern,
     Print,
-    Scene,
     Textile,
     Weave,
     Wood,
-    bench_camera,
-    bench_sensor,
-    dome_lights,
-    render,
 )
-from simulator.camera.sensor import sensor_image
 
 # Width, height, and how often a size is drawn.
 SIZES = (((640, 512), 0.5), ((960, 804), 0.3), ((1280, 1024), 0.15), ((2448, 2048), 0.05))

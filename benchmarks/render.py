@@ -10,7 +10,8 @@ from dataclasses import replace
 import numba
 from harness import command_line, copy_s, measured
 
-from simulator import Coin, render, scene_named
+from simulator import render, scene_named
+from simulator.shapes import Coin
 
 
 def scenes(megapixels, lights):

@@ -25,12 +25,13 @@ from harness import command_line
 from light_accuracy import record
 from sessions import write_session
 
-from acquisition import Lights, PlannedShot, read_source
+from acquisition import Lights, read_source
+from acquisition.plan import PlannedShot
 from calibration import calibrate_spheres
 from processing import integrate, reconstruct
 from rig.arrays import Float32, Float64, UInt16
 from simulator import ChromeSphere, Scene, render, scene_named
-from simulator.camera.sensor import sensor_image
+from simulator.camera import sensor_image
 
 _RADIUS_MM, _EXPOSURE_US = 16.0, 20_000.0
 _PLACES_MM = ((-60, -50), (65, -45), (-62, 48), (58, 52))

@@ -14,7 +14,8 @@ import numpy as np
 from capture_bench import fast_bench, fast_options
 from harness import command_line
 
-from rig import Board, Rig, RigConfig, open_genicam
+from rig import Board, Rig, RigConfig
+from rig.genicam import open_genicam
 
 PASSES = 3
 # Limits, in multiples of the camera's own time.

@@ -19,7 +19,7 @@ from normal_uncertainty import FLOOR, SLOPE, Case, ball, recorded, relief
 from calibration import StackNoise
 from processing import SampleKind, photometric_stereo
 from processing.noise.pixel_variances import kinds_of
-from processing.stereo.method import METHODS
+from processing.stereo import METHODS
 from rig.arrays import Bool
 
 

@@ -16,7 +16,8 @@ import numba
 import numpy as np
 from harness import command_line, measured
 
-from processing import FilterKind, NormalMap, ShapeFilter, combine, separate
+from processing import NormalMap, ShapeFilter, combine, separate
+from processing.detail import FilterKind
 
 
 def relief(megapixels: float) -> NormalMap:

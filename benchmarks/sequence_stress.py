@@ -28,8 +28,9 @@ from acquisition import (
     record,
     verify_session,
 )
-from rig import Board, Rig, RigConfig, RigError, open_genicam
-from simulator.bench.state import BenchState
+from rig import Board, Rig, RigConfig, RigError
+from rig.genicam import open_genicam
+from simulator.bench import BenchState
 
 BLACK_DN = 100
 

@@ -6,10 +6,9 @@ from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
-from acquisition import CapturePlan, PlannedShot
-from acquisition.session.manifest import CameraRecord, Manifest
-from acquisition.session.value_records import SensorRecord
-from acquisition.session.writer import CameraReport, SessionWriter
+from acquisition import CapturePlan
+from acquisition.plan import PlannedShot
+from acquisition.session import CameraRecord, CameraReport, Manifest, SensorRecord, SessionWriter
 from rig.arrays import AnyArray
 
 

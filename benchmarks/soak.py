@@ -27,12 +27,11 @@ from capture_bench import dark_in_time
 from harness import busy, busy_option, command_line, resident_bytes
 
 from acquisition import NoiseModel
-from rig import Board, Rig, RigConfig, RigError, open_genicam
-from simulator.bench.state import BenchState
-from simulator.camera.gentl_camera import GentlCamera, GentlDevice
-from simulator.camera.sensor import ImageFormation
-from simulator.led_board.faults import BoardFault
-from simulator.led_board.virtual_board import VirtualBoard
+from rig import Board, Rig, RigConfig, RigError
+from rig.genicam import open_genicam
+from simulator.bench import BenchState
+from simulator.camera import GentlCamera, GentlDevice, ImageFormation
+from simulator.led_board import BoardFault, VirtualBoard
 
 LEDS = 36
 BITS = 8

@@ -39,14 +39,9 @@ from layout_scores import Score, append_score, read_scores, table
 from random_layouts import Layout, layout_of, outline, radius_px, scene_of
 
 from calibration import EstimateError, SphereCalibration, calibrate_spheres, find_spheres
+from calibration.spheres import Ellipse, KnownSpheres
 from calibration.spheres.geometry.cone import OUTLINE_SIGMA_PX, Cone
-from calibration.spheres.geometry.ellipse import Ellipse
-from calibration.spheres.solve.joint_refinement import (
-    KnownSpheres,
-    Observation,
-    linearise,
-    predicted_highlights,
-)
+from calibration.spheres.solve.joint_refinement import Observation, linearise, predicted_highlights
 from calibration.spheres.solve.sphere_positions import place
 from rig.arrays import Float64
 from simulator import ChromeSphere

@@ -100,7 +100,7 @@ def cost_of_memory(images: int) -> Cost:
 
 def cost_of_images(images: Path) -> Cost:
     """Return the cost of reading and developing the images."""
-    from calibration import linear_images
+    from calibration.radiance import linear_images
 
     source = read_source(images)
     return measured(lambda: sum(len(image) for image in linear_images(source)))[0]

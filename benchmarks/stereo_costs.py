@@ -27,10 +27,12 @@ from harness import Cost, command_line, copy_s, measured
 from sessions import write_session
 from whole_commands import cost as command_cost
 
-from acquisition import Lights, PlannedShot, read_source, write_lights, write_mask
+from acquisition import Lights, read_source, write_lights, write_mask
+from acquisition.plan import PlannedShot
 from calibration import linear_stack
-from processing import Method, normal_uncertainty, photometric_stereo
-from processing.stereo.method import METHODS
+from processing import Method, photometric_stereo
+from processing.noise import normal_uncertainty
+from processing.stereo import METHODS
 from rig.arrays import Float32, Float64, UInt16
 
 _NOISE = 0.01

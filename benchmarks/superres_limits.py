@@ -93,7 +93,7 @@ def learnt(known: Half, other: Half, steps: int) -> list[float]:
     from sgp.training.torch_layers import as_images, forward
 
     torch.set_num_threads(1)
-    model = processing.read_superres_model(None, _SCALE)
+    model = processing.superres.read_superres_model(None, _SCALE)
     shape = model.training["settings"]
     names = ("blocks", "convolutions", "growth", "features", "upsampling")
     size = RdnSize(_SCALE, *(shape[name] for name in names))

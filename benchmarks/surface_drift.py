@@ -78,8 +78,8 @@ CASES = (
 def scenes(width: int, height: int) -> dict[str, simulator.Scene]:
     """Return the plane and the gauge on the bench."""
     plane = simulator.scene_named("plane", width=width, height=height)
-    plane = replace(plane, pattern=simulator.Even(0.6))
-    gauge = replace(plane, body=simulator.StepGauge(RADIUS_MM, HEIGHTS_MM, RAMP_MM))
+    plane = replace(plane, pattern=simulator.shapes.Even(0.6))
+    gauge = replace(plane, body=simulator.shapes.StepGauge(RADIUS_MM, HEIGHTS_MM, RAMP_MM))
     return {"plane": plane, "gauge": gauge}
 
 
@@ -114,7 +114,7 @@ def plane_figures(points: Float64, mask: Bool, truth: Float64) -> list[float]:
 
 def step_figures(points: Float64, mask: Bool, truth: Float64) -> list[float]:
     """Return the error of each step in micrometres, along the middle of the gauge."""
-    gauge = simulator.StepGauge(RADIUS_MM, HEIGHTS_MM, RAMP_MM)
+    gauge = simulator.shapes.StepGauge(RADIUS_MM, HEIGHTS_MM, RAMP_MM)
     ends = np.concatenate([[-np.inf], gauge.edges_mm, [np.inf]])
     outer = 0.5 * gauge.tread_mm * len(HEIGHTS_MM)
     inside = mask & np.isfinite(truth) & (np.abs(points[..., 1]) < 0.25 * RADIUS_MM)

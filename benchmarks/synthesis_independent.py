@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 from harness import command_line
 
+import acquisition
 import processing
 import simulator
 from benchmarks.paper.sources import relief
@@ -48,17 +49,17 @@ def part(normals: NormalMap, row: int, column: int) -> NormalMap:
 
 def simulated(seed: int, reliefs: int) -> Iterator[tuple[str, NormalMap]]:
     wide = SIDE_PX + 2 * MARGIN_PX
-    shapes: dict[str, tuple[simulator.Surface, float]] = {
-        "lizard scales": (simulator.LizardScales(400, scale_mm=7, seed=seed), 0.3),
-        "textile": (simulator.Textile(400, yarn_mm=4, seed=seed), 0.25),
-        "leather": (simulator.CrackedLeather(400, seed=seed), 0.4),
-        "wood carving": (simulator.WoodCarving(80, seed=seed), 0.3),
-        "band noise": (simulator.BandNoise(100, seed=seed), 0.3),
+    shapes: dict[str, tuple[simulator.shapes.Surface, float]] = {
+        "lizard scales": (simulator.shapes.LizardScales(400, scale_mm=7, seed=seed), 0.3),
+        "textile": (simulator.shapes.Textile(400, yarn_mm=4, seed=seed), 0.25),
+        "leather": (simulator.shapes.CrackedLeather(400, seed=seed), 0.4),
+        "wood carving": (simulator.shapes.WoodCarving(80, seed=seed), 0.3),
+        "band noise": (simulator.shapes.BandNoise(100, seed=seed), 0.3),
     }
     for name, (shape, pixel_mm) in shapes.items():
         yield name, part(relief(shape, wide, wide * pixel_mm / 2), MARGIN_PX, MARGIN_PX)
     for number in range(seed, seed + reliefs):
-        down, right = np.gradient(simulator.random_relief(number, wide))
+        down, right = np.gradient(simulator.reliefs.random_relief(number, wide))
         vectors = np.dstack([-right, down, np.ones_like(right)])
         made = NormalMap.from_vectors(vectors)
         yield f"random relief {number}", part(made, MARGIN_PX, MARGIN_PX)
@@ -99,11 +100,11 @@ def main() -> None:
         begun = time.process_time()
         try:
             made = processing.synthesize(exemplar, (options.side, options.side), patch=PATCH_PX)
-        except processing.DataError as error:
+        except acquisition.DataError as error:
             print(f"{name:24} {error}", flush=True)
             continue
         spent = time.process_time() - begun
-        found = processing.texture_figures(made.detail, exemplar, patch=PATCH_PX)
+        found = processing.synthesis.texture_figures(made.detail, exemplar, patch=PATCH_PX)
         change = found.detail_angle_deg / found.exemplar_angle_deg - 1
         halves, own = found.exemplar_spectrum_distance, found.exemplar_repeat_score
         print(

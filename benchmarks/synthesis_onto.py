@@ -36,7 +36,7 @@ def targets(data: Path) -> dict[str, NormalMap]:
     cat = processing.read_normals(data / "normals" / "diligent" / "cat").normal_map
     mesh = processing.read_geometry(data / "meshes" / "decimated-max.obj")
     # The face looks along -Z of the file.
-    head = processing.project(mesh, processing.view_rotation("back"), size=SIZE)
+    head = processing.project(mesh, processing.projection.view_rotation("back"), size=SIZE)
     return {"cat": cat, "max": head.normal_map}
 
 
@@ -44,7 +44,7 @@ def from_the_side(normals: NormalMap) -> NormalMap:
     """Return the surface of normals, turned by 20 degrees about the vertical."""
     made = processing.height_mesh(processing.integrate(normals))
     solid = processing.Geometry(made.vertices.astype(np.float64), made.faces)
-    turn = processing.view_rotation("front", rotate_deg=(0, 20, 0))
+    turn = processing.projection.view_rotation("front", rotate_deg=(0, 20, 0))
     return processing.project(solid, turn, size=SIZE).normal_map
 
 
@@ -74,10 +74,10 @@ def main() -> None:
         for short, long in MATERIALS.items():
             exemplar = processing.separate(exemplars[long]).detail
             cost, made = measured(partial(processing.synthesize_onto, exemplar, shape, scale=scale))
-            figures = processing.texture_figures(made.detail, exemplar, patch=made.patch)
+            figures = processing.synthesis.texture_figures(made.detail, exemplar, patch=made.patch)
             normals = processing.combine(shape, made.detail)
             again = processing.separate(normals)
-            error = processing.TransferFidelity(shape, made.detail, again).shape_mae_deg
+            error = processing.detail.TransferFidelity(shape, made.detail, again).shape_mae_deg
             change = figures.detail_angle_deg / figures.exemplar_angle_deg - 1
             print(
                 f"{short + ' on ' + name:20} {change:+12.1%} {made.steps.ratio:6.2f} "

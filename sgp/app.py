@@ -361,7 +361,7 @@ def capture() -> None:
 def _run_in_process(app: App) -> int:
     """Run the command line of this process, which reports kernels that are compiled."""
     # An overwritten package is then reported as such.
-    from rig import watch_kernels
+    from rig.kernels import watch_kernels
     from sgp.cli.console import Compiling
 
     watch_kernels(Compiling())

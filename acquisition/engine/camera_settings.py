@@ -11,7 +11,8 @@ from acquisition.session.journal import CAMERA_SETTINGS
 from acquisition.session.layout import MANIFEST, is_session
 from acquisition.session.manifest import parse_manifest
 from acquisition.session.session import Session
-from rig import MAX_TOML_BYTES, CameraInfo, Notice, Rig, SgpError, pluralize, read_bounded
+from rig import CameraInfo, Notice, Rig, SgpError, pluralize, read_bounded
+from rig.files import MAX_TOML_BYTES
 
 # The last sessions that are searched for one of the same camera, and the changes that are named.
 _MOST_SESSIONS: Final = 50
@@ -42,7 +43,7 @@ def camera_notices(rig: Rig, folder: str | Path) -> tuple[Notice, ...]:
 
     Examples
     --------
-    >>> from acquisition import camera_notices
+    >>> from acquisition.engine import camera_notices
     >>> from simulator import open_rig_seeing, render, scene_named
     >>> view = render(scene_named("coin", width=64, height=52, leds=4))
     >>> with open_rig_seeing(view, realtime=False, camera="inside") as rig:

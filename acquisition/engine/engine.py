@@ -229,7 +229,9 @@ def check_resume(
 
     Examples
     --------
-    >>> from acquisition import CapturePlan, Labels, check_resume, damaged_frames, record
+    >>> from acquisition import CapturePlan, Labels, record
+    >>> from acquisition.engine import check_resume
+    >>> from acquisition.session import damaged_frames
     >>> from simulator import open_rig_seeing, render, scene_named
     >>> view = render(scene_named("coin", width=64, height=52, leds=4))
     >>> plan = CapturePlan(leds="0-3", exposures_us=(20_000.0,))

@@ -46,7 +46,8 @@ def rehearse(
 
     Examples
     --------
-    >>> from acquisition import CapturePlan, rehearse
+    >>> from acquisition import CapturePlan
+    >>> from acquisition.engine import rehearse
     >>> from simulator import open_rig_seeing, render, scene_named
     >>> view = render(scene_named("coin", width=64, height=52, leds=4))
     >>> plan = CapturePlan(leds="0-3", exposures_us=(20_000.0,))

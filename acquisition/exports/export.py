@@ -215,7 +215,8 @@ def prepare_export(
     --------
     >>> from pathlib import Path
     >>> import numpy as np
-    >>> from acquisition import import_frames, prepare_export, read_source, write_png
+    >>> from acquisition import import_frames, read_source, write_png
+    >>> from acquisition.exports import prepare_export
     >>> write_png("card.png", np.full((4, 5), 700, np.uint16))
     >>> session = import_frames(read_source("card.png"), "session")
     >>> export = prepare_export(session.folder, "exr")

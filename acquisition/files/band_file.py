@@ -41,7 +41,7 @@ class BandFile:
     --------
     >>> import numpy as np
     >>> from pathlib import Path
-    >>> from acquisition import BandFile
+    >>> from acquisition.files import BandFile
     >>> height = BandFile(Path("height.raw"), (100, 4), np.dtype(np.float32))
     >>> height[50:52] = np.ones((2, 4))
     >>> height[49:52].sum(axis=1)

@@ -28,7 +28,8 @@ from acquisition.files.storage import (
     sync_folder,
     write_durably,
 )
-from rig import UnreadableError, parse_json, read_bounded
+from rig import UnreadableError, read_bounded
+from rig.files import parse_json
 
 # Of the folder: a folder of another layout is not continued.
 _LAYOUT: Final = 2
@@ -65,7 +66,7 @@ def check_unfinished(path: Path, identity: Mapping[str, object]) -> None:
     Examples
     --------
     >>> from pathlib import Path
-    >>> from acquisition import check_unfinished
+    >>> from acquisition.files import check_unfinished
     >>> check_unfinished(Path("normals"), {"method": "ls"})
     """
     found, wanted = _identity(part_path(path) / _IDENTITY), _as_json(identity)
@@ -79,7 +80,7 @@ def is_unfinished(path: Path) -> bool:
     Examples
     --------
     >>> from pathlib import Path
-    >>> from acquisition import is_unfinished
+    >>> from acquisition.files import is_unfinished
     >>> is_unfinished(Path("normals"))
     False
     """
@@ -99,7 +100,7 @@ def remove_unfinished(path: Path) -> None:
     Examples
     --------
     >>> from pathlib import Path
-    >>> from acquisition import remove_unfinished
+    >>> from acquisition.files import remove_unfinished
     >>> remove_unfinished(Path("normals"))
     """
     folder = part_path(path)
@@ -162,7 +163,7 @@ class BandStore(Mapping[str, BandFile]):
     --------
     >>> import numpy as np
     >>> from pathlib import Path
-    >>> from acquisition import BandStore
+    >>> from acquisition.files import BandStore
     >>> form = {"albedo": ((6, 4), np.float32)}
     >>> with BandStore(Path("normals"), {"method": "ls"}, form) as maps:
     ...     maps["albedo"][0:3] = 1.0

@@ -42,7 +42,8 @@ class ComputedRows:
     Examples
     --------
     >>> import numpy as np
-    >>> from acquisition import ComputedRows, read_image, write_exr
+    >>> from acquisition import read_image, write_exr
+    >>> from acquisition.files import ComputedRows
     >>> column = np.arange(6, dtype=np.float32)[:, None]
     >>> double = ComputedRows((6, 1), column.dtype, lambda rows: 2 * column[rows])
     >>> write_exr("double.exr", double)
@@ -84,7 +85,7 @@ def rows_in_bands(height: int, row_bytes: int, band_bytes: int, *, least: int = 
 
     Examples
     --------
-    >>> from acquisition import rows_in_bands
+    >>> from acquisition.files import rows_in_bands
     >>> rows_in_bands(10, row_bytes=400, band_bytes=1700)
     [slice(0, 4, None), slice(4, 8, None), slice(8, 10, None)]
     """

@@ -46,7 +46,7 @@ class MemoryMap:
     Examples
     --------
     >>> import numpy as np
-    >>> from acquisition import MemoryMap
+    >>> from acquisition.files import MemoryMap
     >>> height = MemoryMap((100, 4), np.dtype(np.float32))
     >>> height[50:52] = np.ones((2, 4))
     >>> height[49:52].sum(axis=1)
@@ -92,7 +92,7 @@ class MemoryMaps(Mapping[str, MemoryMap]):
     Examples
     --------
     >>> import numpy as np
-    >>> from acquisition import MemoryMaps
+    >>> from acquisition.files import MemoryMaps
     >>> maps = MemoryMaps({"albedo": ((6, 4), np.float32)})
     >>> maps.missing("solve", 6), maps["albedo"][2:4].shape
     ([slice(0, 6, None)], (2, 4))

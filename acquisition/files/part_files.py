@@ -34,7 +34,7 @@ def part_path(path: Path) -> Path:
     Examples
     --------
     >>> from pathlib import Path
-    >>> from acquisition import part_path
+    >>> from acquisition.files import part_path
     >>> part_path(Path("result/owl.png")).parent.name
     'result'
     """
@@ -52,7 +52,7 @@ def is_part_file(path: Path) -> bool:
     Examples
     --------
     >>> from pathlib import Path
-    >>> from acquisition import is_part_file
+    >>> from acquisition.files import is_part_file
     >>> is_part_file(Path("owl.png"))
     False
     """

@@ -12,7 +12,7 @@ def software_version() -> str:
 
     Examples
     --------
-    >>> from acquisition import software_version
+    >>> from acquisition.files import software_version
     >>> isinstance(software_version(), str)
     True
     """

@@ -42,7 +42,7 @@ def staged(folder: Path, replaced: Iterable[Path] = ()) -> Iterator[Path]:
     Examples
     --------
     >>> from pathlib import Path
-    >>> from acquisition import staged
+    >>> from acquisition.files import staged
     >>> with staged(Path("result")) as folder:
     ...     _ = (folder / "a.txt").write_text("first")
     ...     _ = (folder / "b.txt").write_text("second")

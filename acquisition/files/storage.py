@@ -21,7 +21,8 @@ from acquisition.files.part_files import BINARY, NO_LINK, NO_WAIT, Part, clear, 
 from acquisition.files.part_files import is_hidden as is_hidden
 from acquisition.files.part_files import is_part_file as is_part_file
 from acquisition.files.part_files import part_path as part_path
-from rig import SgpError, note_read
+from rig import SgpError
+from rig.files import note_read
 
 if sys.platform != "win32":
     import fcntl
@@ -50,7 +51,7 @@ def storage_error(path: Path, action: str, error: OSError) -> StorageError:
     --------
     >>> import errno
     >>> from pathlib import Path
-    >>> from acquisition import storage_error
+    >>> from acquisition.files import storage_error
     >>> str(storage_error(Path("owl.png"), "write", OSError(errno.ENOSPC, "disk is full")))
     'owl.png: cannot write: disk is full; free space on this disk, then try again'
     """
@@ -90,7 +91,8 @@ def publishing_if(permission: Callable[[], None]) -> Iterator[None]:
     Examples
     --------
     >>> from pathlib import Path
-    >>> from acquisition import publishing_if, write_durably
+    >>> from acquisition import write_durably
+    >>> from acquisition.files import publishing_if
     >>> with publishing_if(lambda: print("may I?")):
     ...     write_durably(Path("notes.txt"), b"owl")
     may I?
@@ -108,7 +110,7 @@ def check_publishing() -> None:
 
     Examples
     --------
-    >>> from acquisition import check_publishing
+    >>> from acquisition.files import check_publishing
     >>> check_publishing()
     """
     _permission()
@@ -181,7 +183,7 @@ def write_pieces(path: Path, pieces: Iterable[bytes | memoryview]) -> None:
     Examples
     --------
     >>> from pathlib import Path
-    >>> from acquisition import write_pieces
+    >>> from acquisition.files import write_pieces
     >>> write_pieces(Path("squares.txt"), (f"{n * n}\n".encode() for n in range(3)))
     >>> Path("squares.txt").read_text().split()
     ['0', '1', '4']
@@ -202,7 +204,7 @@ def remove_part_files(folder: Path) -> None:
     Examples
     --------
     >>> from pathlib import Path
-    >>> from acquisition import remove_part_files
+    >>> from acquisition.files import remove_part_files
     >>> remove_part_files(Path("."))
     """
     with disk(folder, "remove temporary files"):

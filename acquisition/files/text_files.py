@@ -14,7 +14,9 @@ from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
 import rig
 from acquisition._errors import DataError, convert_read_errors
-from rig import MAX_TOML_BYTES, check_text, read_bounded, validation_message
+from rig import read_bounded
+from rig.files import MAX_TOML_BYTES, check_text
+from rig.messages import validation_message
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -94,7 +96,7 @@ def parse_versioned(
 def parse_toml(data: bytes, path: Path) -> dict[str, Any]:
     """Parse TOML bytes; a DataError names ``path`` and the invalid line."""
     with convert_read_errors(path):
-        return rig.parse_toml(data)
+        return rig.files.parse_toml(data)
 
 
 def validated(model: type[Model], values: dict[str, Any], path: Path) -> Model:

@@ -53,7 +53,8 @@ def read_import(
     Examples
     --------
     >>> import numpy as np
-    >>> from acquisition import read_import, write_png
+    >>> from acquisition import write_png
+    >>> from acquisition.imports import read_import
     >>> write_png("card.png", np.full((4, 5), 700, np.uint16))
     >>> read_import("card.png")
     Source(card.png, images, 1 frame of 5 x 4 px)

@@ -111,7 +111,8 @@ def watch_folder(
     --------
     >>> from pathlib import Path
     >>> import numpy as np
-    >>> from acquisition import Watch, lights_in_order, make_folder, watch_folder, write_png
+    >>> from acquisition import make_folder, watch_folder, write_png
+    >>> from acquisition.imports import Watch, lights_in_order
     >>> make_folder(Path("tethered"))
     >>> for i in range(2):
     ...     write_png(f"tethered/IMG_{i}.png", np.full((4, 5), 700, np.uint16))

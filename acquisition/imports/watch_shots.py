@@ -63,7 +63,7 @@ def lights_in_order(leds: int | Iterable[int]) -> tuple[PlannedShot, ...]:
 
     Examples
     --------
-    >>> from acquisition import lights_in_order
+    >>> from acquisition.imports import lights_in_order
     >>> [shot.file for shot in lights_in_order([4, 2])]
     ['L04_E0.tif', 'L02_E0.tif']
     """

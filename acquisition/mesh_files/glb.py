@@ -16,8 +16,9 @@ import numpy as np
 
 from acquisition.mesh_files.glb_accessors import Accessors, as_count, refuse_coded
 from acquisition.mesh_files.mesh_file import MeshFile
-from rig import Notice, UnreadableError, convert_parser_errors, parse_json, pluralize
+from rig import Notice, UnreadableError, pluralize
 from rig.arrays import Float64, Int64
+from rig.files import convert_parser_errors, parse_json
 
 _MAGIC, _VERSION = b"glTF", 2
 _JSON, _BIN = 0x4E4F534A, 0x004E4942

@@ -17,7 +17,8 @@ from acquisition.mesh_files.off import read_off
 from acquisition.mesh_files.ply import read_ply
 from acquisition.mesh_files.stl import read_stl
 from acquisition.mesh_files.xyz import read_xyz
-from rig import MAX_BINARY_BYTES, UnreadableError, read_bounded, read_head
+from rig import UnreadableError, read_bounded
+from rig.files import MAX_BINARY_BYTES, read_head
 
 MESH_SUFFIXES: Final = (".obj", ".ply", ".stl", ".glb", ".off", ".xyz")
 # With larger coordinates, areas and lengths would overflow.
@@ -51,7 +52,7 @@ def read_mesh_file(path: str | Path) -> MeshFile:
     Examples
     --------
     >>> from pathlib import Path
-    >>> from acquisition import read_mesh_file
+    >>> from acquisition.mesh_files import read_mesh_file
     >>> _ = Path("corner.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     >>> read_mesh_file("corner.obj")
     MeshFile(vertices=float64[3, 3], faces=int64[1, 3])

@@ -164,7 +164,8 @@ def meter(
 
     Examples
     --------
-    >>> from acquisition import CapturePlan, meter
+    >>> from acquisition import CapturePlan
+    >>> from acquisition.metering import meter
     >>> from simulator import open_rig_seeing, render, scene_named
     >>> view = render(scene_named("coin", width=64, height=52, leds=4))
     >>> plan = CapturePlan(leds="0-3", exposures_us=(100.0,))
@@ -359,7 +360,8 @@ def estimate_metered(
 
     Examples
     --------
-    >>> from acquisition import CapturePlan, estimate_metered
+    >>> from acquisition import CapturePlan
+    >>> from acquisition.metering import estimate_metered
     >>> plan = CapturePlan(leds="0-35", exposures_us=(10_000.0,))
     >>> estimate_metered(plan, each=True, width=640, height=512)
     (PlanEstimate(shots=72, exposure_s=1.08, seconds=1.08, bytes=47185920), 576)

@@ -24,15 +24,9 @@ from acquisition.pixels.dng_tags import (
     white_levels,
 )
 from acquisition.pixels.images import Image
-from rig import (
-    MAX_PIXELS,
-    UnreadableError,
-    check_pixels,
-    convert_parser_errors,
-    read_head,
-    short_repr,
-)
+from rig import MAX_PIXELS, UnreadableError, short_repr
 from rig.arrays import Float64, UInt8, UInt16
+from rig.files import check_pixels, convert_parser_errors, read_head
 
 _UNREADABLE = "not a readable camera RAW file"
 _ROWS = 256
@@ -100,7 +94,7 @@ def read_raw(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> RawFrame:
 
     Examples
     --------
-    >>> from acquisition import read_raw
+    >>> from acquisition.pixels import read_raw
     >>> frame = read_raw("owl.CR2")  # doctest: +SKIP
     >>> frame.pixels.shape, frame.cfa, frame.black_level_dn  # doctest: +SKIP
     """

@@ -25,8 +25,9 @@ from acquisition._errors import DataError, StorageError
 from acquisition.files.map_rows import MapRows
 from acquisition.files.storage import disk, library_path, published, write_whole
 from acquisition.pixels.image_input import first_line, opened_image
-from rig import UnreadableError, convert_parser_errors
+from rig import UnreadableError
 from rig.arrays import Generic
+from rig.files import convert_parser_errors
 
 # About the second-level cache. TIFFs have strips of 32 rows, which must not be divided.
 _BAND_BYTES = 1 << 20

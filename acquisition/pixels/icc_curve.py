@@ -9,8 +9,9 @@ import numpy as np
 
 from acquisition._errors import DataError
 from acquisition.values.transfer_curve import LINEAR, SRGB, TransferCurve
-from rig import UnreadableError, convert_parser_errors
+from rig import UnreadableError
 from rig.arrays import Float64
+from rig.files import convert_parser_errors
 
 _HEADER: Final = 128
 _MOST_TAGS: Final = 200

@@ -10,7 +10,8 @@ import re
 from pathlib import Path
 from typing import Final
 
-from rig import UnreadableError, check_pixels, read_head
+from rig import UnreadableError
+from rig.files import check_pixels, read_head
 
 _HEAD: Final = 4096
 _SIGNATURES: Final = {

@@ -17,8 +17,9 @@ from acquisition.files.storage import library_path
 from acquisition.pixels.image_head import check_image_head
 from acquisition.pixels.png_file import SIGNATURE, check_png
 from acquisition.values.image_names import is_raw
-from rig import UnreadableError, check_pixels, convert_parser_errors, read_head
+from rig import UnreadableError
 from rig.arrays import AnyArray
+from rig.files import check_pixels, convert_parser_errors, read_head
 
 _NATIVE: dict[str, type[np.generic]] = {
     "uint8": np.uint8,

@@ -84,7 +84,8 @@ def read_image_with_alpha(
     Examples
     --------
     >>> import numpy as np
-    >>> from acquisition import read_image_with_alpha, write_png
+    >>> from acquisition import write_png
+    >>> from acquisition.pixels import read_image_with_alpha
     >>> write_png("card.png", np.full((4, 5), 700, np.uint16), alpha=np.eye(4, 5, dtype=bool))
     >>> image, alpha = read_image_with_alpha("card.png")
     >>> alpha[0]
@@ -118,7 +119,8 @@ def write_tiff(path: str | Path, pixels: UInt8 | UInt16) -> None:
     Examples
     --------
     >>> import numpy as np
-    >>> from acquisition import read_image, write_tiff
+    >>> from acquisition import read_image
+    >>> from acquisition.pixels import write_tiff
     >>> write_tiff("card.tif", np.full((4, 5), 700, np.uint16))
     >>> int(read_image("card.tif")[0, 0])
     700
@@ -243,7 +245,8 @@ class ImageRows:
     Examples
     --------
     >>> import numpy as np
-    >>> from acquisition import ImageRows, write_png
+    >>> from acquisition import write_png
+    >>> from acquisition.pixels import ImageRows
     >>> write_png("ramp.png", np.arange(20, dtype=np.uint16).reshape(5, 4))
     >>> with ImageRows("ramp.png") as rows:
     ...     rows.shape, rows[1:3]

@@ -122,7 +122,8 @@ def read_mask_shares(
     Examples
     --------
     >>> import numpy as np
-    >>> from acquisition import read_mask_shares, write_png
+    >>> from acquisition import write_png
+    >>> from acquisition.pixels import read_mask_shares
     >>> write_png("mask.png", np.array([[0, 51, 255]], np.uint8))
     >>> read_mask_shares("mask.png")
     array([[0. , 0.2, 1. ]])

@@ -14,7 +14,8 @@ from acquisition.pixels.icc_curve import icc_curve
 from acquisition.pixels.image_input import spec_attribute
 from acquisition.pixels.png_file import SIGNATURE
 from acquisition.values.transfer_curve import LINEAR, SRGB, TransferCurve
-from rig import UnreadableError, convert_parser_errors, read_head
+from rig import UnreadableError
+from rig.files import convert_parser_errors, read_head
 
 # OpenImageIO's names of formats.
 _DISPLAY: Final = {"jpeg": "JPEG", "webp": "WebP", "jpegxl": "JPEG XL"}

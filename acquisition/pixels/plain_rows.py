@@ -14,8 +14,8 @@ import numpy as np
 
 from acquisition._errors import DataError
 from acquisition.files.part_files import BINARY, NO_WAIT
-from rig import note_read
 from rig.arrays import UInt16
+from rig.files import note_read
 
 _SHORT, _LONG, _RATIONAL = 3, 4, 5
 _HEADER: Final = struct.Struct("<2sHI")

@@ -46,7 +46,7 @@ def led_numbers(text: str) -> tuple[int, ...]:
 
     Examples
     --------
-    >>> from acquisition import led_numbers
+    >>> from acquisition.plan import led_numbers
     >>> led_numbers("0-2,7,5-3")
     (0, 1, 2, 7, 5, 4, 3)
     """
@@ -367,7 +367,8 @@ def estimate_plan(
 
     Examples
     --------
-    >>> from acquisition import CapturePlan, estimate_plan
+    >>> from acquisition import CapturePlan
+    >>> from acquisition.plan import estimate_plan
     >>> plan = CapturePlan(leds="0-35", exposures_us=(10_000.0,))
     >>> estimate_plan(plan, width=640, height=512)
     PlanEstimate(shots=37, exposure_s=0.37, seconds=0.37, bytes=24248320)

@@ -101,7 +101,8 @@ def preflight(
 
     Examples
     --------
-    >>> from acquisition import CapturePlan, preflight
+    >>> from acquisition import CapturePlan
+    >>> from acquisition.preflights import preflight
     >>> from simulator import open_rig_seeing, render, scene_named
     >>> view = render(scene_named("coin", width=64, height=52, leds=4))
     >>> plan = CapturePlan(leds="0-3", exposures_us=(20_000.0,))
@@ -159,7 +160,8 @@ def preflight_resume(
 
     Examples
     --------
-    >>> from acquisition import CapturePlan, preflight_resume
+    >>> from acquisition import CapturePlan
+    >>> from acquisition.preflights import preflight_resume
     >>> from simulator import open_rig_seeing, render, scene_named
     >>> view = render(scene_named("coin", width=64, height=52, leds=4))
     >>> plan = CapturePlan(leds="0-3", exposures_us=(20_000.0,))

@@ -134,7 +134,8 @@ def check_leds(rig: Rig, plan: CapturePlan, *, metered: bool = True) -> Check:
 
     Examples
     --------
-    >>> from acquisition import CapturePlan, check_leds
+    >>> from acquisition import CapturePlan
+    >>> from acquisition.preflights import check_leds
     >>> from simulator import open_rig_seeing, render, scene_named
     >>> view = render(scene_named("white-plane", width=160, height=128, leds=4))
     >>> plan = CapturePlan(leds="0-3", exposures_us=(20_000.0,))

@@ -9,8 +9,9 @@ import numpy as np
 from acquisition.pixels.quality import measure_quality
 from acquisition.selftests.finding import Finding
 from acquisition.selftests.led_findings import Evidence, findings
-from rig import Progress, Rig, RigConfig, RigError, Wires, no_progress
+from rig import Progress, Rig, RigConfig, RigError, no_progress
 from rig.arrays import Float64
+from rig.shooting import Wires
 
 _COARSE = 20  # places along the longer side
 _FIRST_US = 20_000.0
@@ -73,7 +74,7 @@ def selftest(rig: Rig, *, on_progress: Progress = no_progress) -> SelfTest:
 
     Examples
     --------
-    >>> from acquisition import selftest
+    >>> from acquisition.selftests import selftest
     >>> from simulator import open_rig_seeing, render, scene_named
     >>> view = render(scene_named("white-plane", width=160, height=128, leds=4))
     >>> with open_rig_seeing(view, realtime=False, camera="inside") as rig:

@@ -103,7 +103,8 @@ def compact_session(
     Examples
     --------
     >>> import numpy as np
-    >>> from acquisition import compact_session, import_frames, read_source, write_png
+    >>> from acquisition import import_frames, read_source, write_png
+    >>> from acquisition.session import compact_session
     >>> write_png("card.png", np.full((64, 80), 700, np.uint16))
     >>> session = import_frames(read_source("card.png"), "session")
     >>> compaction = compact_session(session.folder)

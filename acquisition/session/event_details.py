@@ -21,7 +21,7 @@ from acquisition.session.journal import (
     LinePart,
     Sha256,
 )
-from rig import validation_message
+from rig.messages import validation_message
 
 # Events that change the meaning of earlier lines. Only the code that performs the change writes
 # them.

@@ -148,7 +148,8 @@ def damaged_frames(
     Examples
     --------
     >>> import numpy as np
-    >>> from acquisition import damaged_frames, import_frames, read_source, write_png
+    >>> from acquisition import import_frames, read_source, write_png
+    >>> from acquisition.session import damaged_frames
     >>> write_png("card.png", np.full((4, 5), 700, np.uint16))
     >>> session = import_frames(read_source("card.png"), "session")
     >>> session.frames[0].path.unlink()

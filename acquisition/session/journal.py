@@ -28,7 +28,7 @@ from pydantic import (
 from acquisition.files.storage import sha256_of
 from acquisition.pixels.frame_quality import PERCENTILE_NAMES
 from acquisition.plan.planned_shot import PlannedShot, Role, ShotKey
-from rig import validation_message
+from rig.messages import validation_message
 
 GENESIS = "0" * 64
 # Settings of the camera, when a recording starts or is resumed.

@@ -22,7 +22,7 @@ from acquisition.session.journal import (
     encode_line,
     parse_journal,
 )
-from rig import validation_message
+from rig.messages import validation_message
 
 Clock = Callable[[], datetime]
 AnyLine = TypeVar("AnyLine", bound=Line)

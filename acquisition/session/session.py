@@ -30,15 +30,8 @@ from acquisition.values.camera_model import CameraModel
 from acquisition.values.lights import Lights
 from acquisition.values.noise_model import NoiseModel
 from acquisition.values.transfer_curve import LINEAR, TransferCurve
-from rig import (
-    MAX_TEXT_BYTES,
-    MAX_TOML_BYTES,
-    Notice,
-    SgpError,
-    UnreadableError,
-    pluralize,
-    read_bounded,
-)
+from rig import Notice, SgpError, UnreadableError, pluralize, read_bounded
+from rig.files import MAX_TEXT_BYTES, MAX_TOML_BYTES
 
 # Enough for a million frames.
 _MAX_JOURNAL_BYTES: Final = 1 << 30

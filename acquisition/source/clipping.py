@@ -15,7 +15,8 @@ from acquisition.pixels.pile_up import PileUp, find_pile_up, planes_of
 from acquisition.pixels.plain_rows import PlainRows
 from acquisition.source.source import Frame, Source
 from acquisition.values.transfer_curve import LINEAR
-from rig import Notice, memory_budget, pluralize
+from rig import Notice, pluralize
+from rig.processes import memory_budget
 
 # Floats of another range are no scaled samples of a sensor.
 _LEAST_WHITE = 255

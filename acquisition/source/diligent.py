@@ -17,8 +17,9 @@ from acquisition.value_files.lights import read_lights
 from acquisition.value_files.lights_text import DIRECTIONS_FILE, FILENAMES_FILE, INTENSITIES_FILE
 from acquisition.value_files.mat5 import read_mat5
 from acquisition.values.transfer_curve import TransferCurve
-from rig import MAX_BINARY_BYTES, MAX_PIXELS, Notice, UnreadableError, read_bounded
+from rig import MAX_PIXELS, Notice, UnreadableError, read_bounded
 from rig.arrays import Float32
+from rig.files import MAX_BINARY_BYTES
 
 _TRUTH_FILE = "Normal_gt.mat"
 _TRUTH_VARIABLE = "Normal_gt"

@@ -46,7 +46,8 @@ class RowReader:
     Examples
     --------
     >>> import numpy as np
-    >>> from acquisition import RowReader, read_source, write_png
+    >>> from acquisition import read_source, write_png
+    >>> from acquisition.source import RowReader
     >>> write_png("card.png", np.arange(20, dtype=np.uint16).reshape(4, 5))
     >>> with RowReader() as reader:
     ...     reader.rows(read_source("card.png").frames[0], 1, 2)
@@ -295,7 +296,7 @@ def row_bands(height: int) -> list[slice]:
 
     Examples
     --------
-    >>> from acquisition import row_bands
+    >>> from acquisition.source import row_bands
     >>> row_bands(40)
     [slice(0, 32, None), slice(32, 40, None)]
     """
@@ -307,7 +308,7 @@ def same_exposure(one_us: float, other_us: float) -> bool:
 
     Examples
     --------
-    >>> from acquisition import same_exposure
+    >>> from acquisition.source import same_exposure
     >>> same_exposure(10_000.0, 10_000.4), same_exposure(10_000.0, 20_000.0)
     (True, False)
     """

@@ -23,7 +23,8 @@ from acquisition.value_files.camera import read_camera
 from acquisition.value_files.lights import read_lights
 from acquisition.values.setup import Setup
 from acquisition.values.transfer_curve import LINEAR
-from rig import MAX_TOML_BYTES, Notice, pluralize, read_bounded
+from rig import Notice, pluralize, read_bounded
+from rig.files import MAX_TOML_BYTES
 
 RECORD_FILE: Final = "recording.json"
 # Fields of a session and of an export that say what they are of.
@@ -247,7 +248,8 @@ def read_identity(path: str | Path) -> Identity | None:
     Examples
     --------
     >>> import numpy as np
-    >>> from acquisition import Labels, import_frames, read_identity, read_source, write_png
+    >>> from acquisition import Labels, import_frames, read_source, write_png
+    >>> from acquisition.source import read_identity
     >>> write_png("card.png", np.full((4, 5), 700, np.uint16))
     >>> session = import_frames(read_source("card.png"), "session", Labels(object_name="card"))
     >>> read_identity("session/session.toml").object

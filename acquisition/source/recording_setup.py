@@ -28,7 +28,8 @@ def source_setup(source: Source) -> Setup:
     Examples
     --------
     >>> import numpy as np
-    >>> from acquisition import CameraModel, crop, read_source, source_setup, write_png
+    >>> from acquisition import CameraModel, crop, read_source, write_png
+    >>> from acquisition.source import source_setup
     >>> write_png("card.png", np.full((40, 50), 700, np.uint16))
     >>> camera = CameraModel([[90, 0, 25], [0, 90, 20], [0, 0, 1]], 50, 40)
     >>> part = crop(read_source("card.png", camera=camera), 10, 10, 20, 20)
@@ -58,8 +59,9 @@ def setup_notices(source: Source) -> tuple[Notice, ...]:
     Examples
     --------
     >>> import numpy as np
-    >>> from acquisition import Calibrated, CameraModel, Lights, Setup, read_source, write_png
-    >>> from acquisition import setup_notices
+    >>> from acquisition import CameraModel, Lights, Setup, read_source, write_png
+    >>> from acquisition.values import Calibrated
+    >>> from acquisition.source import setup_notices
     >>> write_png("card.png", np.full((40, 50), 700, np.uint16))
     >>> old, new = (CameraModel([[f, 0, 25], [0, f, 20], [0, 0, 1]], 50, 40) for f in (90, 95))
     >>> lights = Lights([[0, 0, 1]], calibrated=Calibrated(setup=Setup(intrinsics=old)))
@@ -104,7 +106,8 @@ def setup_differences(then: Setup, now: Setup, share: float = _SAME) -> tuple[st
 
     Examples
     --------
-    >>> from acquisition import Setup, setup_differences
+    >>> from acquisition import Setup
+    >>> from acquisition.source import setup_differences
     >>> setup_differences(Setup(rig="dome", camera_model="M2"), Setup(rig="arc"))
     ('rig dome, now arc',)
     """
@@ -137,7 +140,8 @@ def lens_notices(source: Source, camera: CameraModel) -> tuple[Notice, ...]:
     Examples
     --------
     >>> import numpy as np
-    >>> from acquisition import CameraModel, lens_notices, read_source, write_png
+    >>> from acquisition import CameraModel, read_source, write_png
+    >>> from acquisition.source import lens_notices
     >>> write_png("card.png", np.full((40, 50), 700, np.uint16))
     >>> K = [[90, 0, 25], [0, 90, 20], [0, 0, 1]]
     >>> recorded = read_source("card.png", camera=CameraModel(K, 50, 40, lens="16 mm"))
@@ -239,7 +243,8 @@ def apply_flat(source: Source, flat: Flat) -> Source:
     Examples
     --------
     >>> import numpy as np
-    >>> from acquisition import Flat, apply_flat, read_source, write_png
+    >>> from acquisition import Flat, read_source, write_png
+    >>> from acquisition.source import apply_flat
     >>> write_png("card.png", np.full((40, 60), 700, np.uint16))
     >>> ones = np.ones((40, 60), np.float32)
     >>> apply_flat(read_source("card.png"), Flat(0.8 * ones, ones)).flat
@@ -298,7 +303,9 @@ def with_sensor(source: Source, sensor: MeasuredSensor) -> Source:
     Examples
     --------
     >>> import numpy as np
-    >>> from acquisition import Measured, MeasuredSensor, read_source, with_sensor, write_png
+    >>> from acquisition import MeasuredSensor, read_source, write_png
+    >>> from acquisition.source import with_sensor
+    >>> from acquisition.values import Measured
     >>> write_png("card.png", np.full((40, 50), 4095, np.uint16))
     >>> black, nothing = Measured(64.0, 0.1), Measured(0.0, 0.0)
     >>> sensor = MeasuredSensor(12, 0.0, Measured(2.5, 0.01), nothing, black, *[nothing] * 3)
@@ -347,7 +354,9 @@ def sensor_notices(sensor: MeasuredSensor, setup: Setup, gain_db: float) -> tupl
 
     Examples
     --------
-    >>> from acquisition import Measured, MeasuredSensor, Setup, sensor_notices
+    >>> from acquisition import MeasuredSensor, Setup
+    >>> from acquisition.source import sensor_notices
+    >>> from acquisition.values import Measured
     >>> nothing = Measured(0.0, 0.0)
     >>> sensor = MeasuredSensor(12, 0.0, Measured(2.5, 0.01), *[nothing] * 5)
     >>> [notice.code for notice in sensor_notices(sensor, Setup(), gain_db=6.0)]

@@ -152,7 +152,8 @@ def with_time_errors(lights: Lights, frames: Sequence[Frame]) -> Lights:
     --------
     >>> from pathlib import Path
     >>> import numpy as np
-    >>> from acquisition import Frame, Lights, with_time_errors
+    >>> from acquisition import Frame, Lights
+    >>> from acquisition.source import with_time_errors
     >>> lights = Lights(np.array([[0.0, 0, 1]]), ids=("a",))
     >>> frames = [Frame(Path("a.png"), "a", (4, 5), exposure_us=2e4, exposure_sigma=0.04)]
     >>> with_time_errors(lights, frames).errors.intensity_std

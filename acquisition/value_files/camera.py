@@ -25,7 +25,7 @@ from acquisition.value_files.opencv_camera import (
 )
 from acquisition.values.camera_model import CameraModel
 from rig import UnreadableError, check_type
-from rig import parse_json as parse_any_json
+from rig.files import parse_json as parse_any_json
 
 _MATLAB_FIRST_PIXEL = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
 _JSON_SUFFIXES = {".json", ".sfm"}

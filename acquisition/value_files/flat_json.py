@@ -54,7 +54,7 @@ def flat_files(path: str | Path) -> list[Path]:
 
     Examples
     --------
-    >>> from acquisition import flat_files
+    >>> from acquisition.value_files import flat_files
     >>> flat_files("nowhere")
     []
     """
@@ -84,7 +84,8 @@ def read_flat(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> Flat:
     Examples
     --------
     >>> import numpy as np
-    >>> from acquisition import Flat, read_flat, write_flat
+    >>> from acquisition import Flat
+    >>> from acquisition.value_files import read_flat, write_flat
     >>> ones = np.ones((4, 6), np.float32)
     >>> write_flat("flat", Flat(ones, ones))
     >>> read_flat("flat/flat.json")
@@ -135,7 +136,8 @@ def write_flat(
     --------
     >>> from pathlib import Path
     >>> import numpy as np
-    >>> from acquisition import Flat, write_flat
+    >>> from acquisition import Flat
+    >>> from acquisition.value_files import write_flat
     >>> ones = np.ones((4, 6), np.float32)
     >>> write_flat("flat", Flat(ones, ones))
     >>> sorted(path.name for path in Path("flat").iterdir())

@@ -193,7 +193,7 @@ def lights_of_rig(config: RigConfig | RigRecord) -> Lights:
 
     Examples
     --------
-    >>> from acquisition import lights_of_rig
+    >>> from acquisition.value_files import lights_of_rig
     >>> from rig import RigConfig
     >>> places = [[300, 0, 300], [0, 310, 300], [-280, 0, 300]]
     >>> lights_of_rig(RigConfig(name="arc", driver="bench", leds=3, led_positions_mm=places))

@@ -19,8 +19,9 @@ import numpy as np
 
 from acquisition._errors import DataError, convert_read_errors
 from acquisition.files.storage import write_durably
-from rig import MAX_BINARY_BYTES, UnreadableError, read_bounded
+from rig import UnreadableError, read_bounded
 from rig.arrays import Float32, Float64
+from rig.files import MAX_BINARY_BYTES
 
 _HEADER: Final = 128
 _MATRIX, _COMPRESSED = 14, 15
@@ -189,7 +190,7 @@ def write_normals_mat(path: Path, normals: Float32) -> None:
     --------
     >>> from pathlib import Path
     >>> import numpy as np
-    >>> from acquisition import write_normals_mat
+    >>> from acquisition.value_files import write_normals_mat
     >>> write_normals_mat(Path("Normal_gt.mat"), np.tile(np.float32([0, 0, 1]), (4, 5, 1)))
     """
     # SciPy's writers take as long to import as the rest of this package.

@@ -64,7 +64,7 @@ def is_near_lights(path: Path) -> bool:
     Examples
     --------
     >>> from pathlib import Path
-    >>> from acquisition import is_near_lights
+    >>> from acquisition.value_files import is_near_lights
     >>> _ = Path("lamps.csv").write_text("x y z mu\n100 0 300 1\n0 100 300 1\n")
     >>> is_near_lights(Path("lamps.csv"))
     True
@@ -115,7 +115,7 @@ def read_near_lights(
     Examples
     --------
     >>> from pathlib import Path
-    >>> from acquisition import read_near_lights
+    >>> from acquisition.value_files import read_near_lights
     >>> _ = Path("lamps.csv").write_text("x y z mu\n100 0 300 1\n0 100 300 1\n")
     >>> read_near_lights("lamps.csv", None, axes="house").lights.positions_mm
     array([[100.,   0., 300.],

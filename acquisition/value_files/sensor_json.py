@@ -76,7 +76,9 @@ def read_sensor(path: str | Path) -> MeasuredSensor:
 
     Examples
     --------
-    >>> from acquisition import Measured, MeasuredSensor, read_sensor, write_sensor
+    >>> from acquisition import MeasuredSensor
+    >>> from acquisition.value_files import read_sensor, write_sensor
+    >>> from acquisition.values import Measured
     >>> names = ("electrons_per_dn", "read_noise_e", "black_level_dn")
     >>> known = dict(zip(names, (Measured(2.5, 0.01), Measured(3.0, 0.02), Measured(64.0, 0.1))))
     >>> still = dict.fromkeys(("dsnu_e", "prnu", "linearity_error"), Measured(0.0, 0.0))
@@ -126,7 +128,9 @@ def write_sensor(
 
     Examples
     --------
-    >>> from acquisition import Measured, MeasuredSensor, write_sensor
+    >>> from acquisition import MeasuredSensor
+    >>> from acquisition.value_files import write_sensor
+    >>> from acquisition.values import Measured
     >>> nothing = Measured(0.0, 0.0)
     >>> sensor = MeasuredSensor(12, 0.0, Measured(2.5, 0.01), *[nothing] * 5)
     >>> write_sensor("sensor.json", sensor)

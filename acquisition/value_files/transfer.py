@@ -33,7 +33,7 @@ def read_transfer(path: str | Path) -> TransferCurve:
     --------
     >>> from pathlib import Path
     >>> import numpy as np
-    >>> from acquisition import read_transfer
+    >>> from acquisition.value_files import read_transfer
     >>> _ = Path("curve.csv").write_text("sample,light\n0,0\n128,0.2\n255,1\n")
     >>> read_transfer("curve.csv").light(np.array([0, 128 / 255, 1]))
     array([0. , 0.2, 1. ])

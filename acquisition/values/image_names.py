@@ -33,7 +33,7 @@ def light_id(name: str) -> str:
 
     Examples
     --------
-    >>> from acquisition import light_id
+    >>> from acquisition.values import light_id
     >>> light_id("scan/CHROME.0.TGA")
     'chrome.0'
     """

@@ -119,7 +119,7 @@ def tangent_basis(directions: npt.ArrayLike) -> Float64:
     Examples
     --------
     >>> import numpy as np
-    >>> from acquisition import tangent_basis
+    >>> from acquisition.values import tangent_basis
     >>> np.cross(*tangent_basis([[1.0, 2.0, 2.0]])[0]).round(3)
     array([0.333, 0.667, 0.667])
     """

@@ -28,7 +28,7 @@ def led_id(led: int) -> str:
 
     Examples
     --------
-    >>> from acquisition import led_id
+    >>> from acquisition.values import led_id
     >>> led_id(7)
     'L07'
     """
@@ -40,7 +40,7 @@ def led_of(name: str) -> int | None:
 
     Examples
     --------
-    >>> from acquisition import led_of
+    >>> from acquisition.values import led_of
     >>> led_of("L05_E0_R1.tif")
     5
     """

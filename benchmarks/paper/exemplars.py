@@ -27,10 +27,10 @@ def materials(seed: int) -> dict[str, processing.NormalMap]:
     reach = SIDE_PX * _PIXEL_MM / 2
     return {
         "lizard scales": relief(
-            simulator.LizardScales(400, scale_mm=10, seed=seed), SIDE_PX, reach
+            simulator.shapes.LizardScales(400, scale_mm=10, seed=seed), SIDE_PX, reach
         ),
-        "textile": relief(simulator.Textile(400, yarn_mm=6, seed=seed), SIDE_PX, reach),
-        "leather": relief(simulator.CrackedLeather(400, seed=seed), SIDE_PX, reach),
+        "textile": relief(simulator.shapes.Textile(400, yarn_mm=6, seed=seed), SIDE_PX, reach),
+        "leather": relief(simulator.shapes.CrackedLeather(400, seed=seed), SIDE_PX, reach),
     }
 
 

@@ -30,7 +30,7 @@ class Face(NamedTuple):
     source: str
     target: str
     ellipse: tuple[int, int, int, int]
-    pose: processing.Pose
+    pose: processing.detail.Pose
 
     def set_in(
         self,
@@ -39,7 +39,7 @@ class Face(NamedTuple):
         *,
         order: int = 8,
         reach_px: float | None = None,
-    ) -> processing.LocalTransferResult:
+    ) -> processing.detail.LocalTransferResult:
         """Transfer the face to the target at the paper's granularity."""
         x, y, across, down = self.ellipse
         rows, columns = np.ogrid[: source.size[0], : source.size[1]]
@@ -56,9 +56,15 @@ class Face(NamedTuple):
 
 FACES: Mapping[str, Face] = {
     "Cat onto Bear": Face(
-        "cat", "bear", (390, 166, 45, 35), processing.Pose((303, 188), scale=1.2, rotate_deg=6)
+        "cat",
+        "bear",
+        (390, 166, 45, 35),
+        processing.detail.Pose((303, 188), scale=1.2, rotate_deg=6),
     ),
     "Buddha onto Bear": Face(
-        "buddha", "bear", (305, 118, 27, 34), processing.Pose((303, 185), scale=1.5, mirror=True)
+        "buddha",
+        "bear",
+        (305, 118, 27, 34),
+        processing.detail.Pose((303, 185), scale=1.5, mirror=True),
     ),
 }

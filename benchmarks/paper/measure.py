@@ -122,7 +122,7 @@ def measure(
     script
         Script that calls `run_methods`. Default: this module.
     """
-    from simulator import OwnedFolder  # not in the process that is measured
+    from simulator.bench import OwnedFolder  # not in the process that is measured
 
     with closing(OwnedFolder("sgp-measure-")) as folder:
         inputs, outputs = folder.path / "given.npz", folder.path / "made.npy"
@@ -137,7 +137,7 @@ def measure(
         )
         arguments = (inputs, outputs, w, runs, *methods)
         if script is None:
-            call = rig.module_command(__name__, *arguments)
+            call = rig.processes.module_command(__name__, *arguments)
         else:
             call = [sys.executable, "-P", str(script), *map(str, arguments)]
         # Idle threads sleep, as in `sgp`, and BLAS uses one thread; otherwise spinning threads

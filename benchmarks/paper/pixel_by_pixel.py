@@ -35,12 +35,12 @@ def pixel_by_pixel(
         exemplar = processing.NormalMap(detail.normals[part, part], detail.mask[part, part])
         panels.append(lit_panel(name, exemplar))
         for method, side in _SIDES.items():
-            synthesizer = processing.SYNTHESIZERS[method]
+            synthesizer = processing.synthesis.SYNTHESIZERS[method]
             synthesizer(exemplar, (8, 8), patch=min(side, 7))  # compiles
             began = time.process_time()
             sheet = synthesizer(exemplar, (_SHEET_PX, _SHEET_PX), patch=side).detail
             cpu_s = time.process_time() - began
-            found = processing.texture_figures(sheet, exemplar, patch=_SIDES["quilting"])
+            found = processing.synthesis.texture_figures(sheet, exemplar, patch=_SIDES["quilting"])
             figures = (found.slope_distance, found.spectrum_distance, found.repeat_score)
             rows[f"{name}, {method}"] = [
                 found.detail_angle_deg / found.exemplar_angle_deg,

@@ -33,7 +33,7 @@ def of_textures(
             advance(f"properties of {name}, order {order}", at, 2 * len(textures))
             by = processing.ShapeFilter(order=order)
             parts = processing.separate(normal_map, shape_filter=by)
-            turn = processing.rotation_similarity(parts.shape)
+            turn = processing.detail.rotation_similarity(parts.shape)
             for label, value in zip(
                 paper.SHAPE_SIMILARITY,
                 (turn.angle_deg, turn.norm_1, turn.norm_2, turn.norm_inf),
@@ -50,7 +50,7 @@ def of_textures(
                 strict=True,
             ):
                 apart.setdefault(f"{label}, order {order}", []).append(value)
-            for higher, comparison in processing.idempotence(parts).items():
+            for higher, comparison in processing.detail.idempotence(parts).items():
                 again.setdefault(f"order {higher}, filter of order {order}", []).append(
                     comparison.ssim_paper
                 )
@@ -106,7 +106,7 @@ def chain(sources: Sources, advance: Progress) -> Table:
     rows: dict[str, list[Number]] = {}
     for done, order in enumerate((1, 8)):
         advance(f"owl over a chain of targets, order {order}", done, 2)
-        steps = processing.transfer_chain(
+        steps = processing.detail.transfer_chain(
             sources.given("owl"),
             list(targets.values()),
             shape_filter=processing.ShapeFilter(order=order),
@@ -146,7 +146,9 @@ def exchange(
     panels: list[Panel] = []
     for at, order in enumerate((1, 8)):
         advance(f"details of {name_a} and {name_b} exchanged, order {order}", at, 2)
-        done = processing.cross_exchange(a, b, shape_filter=processing.ShapeFilter(order=order))
+        done = processing.detail.cross_exchange(
+            a, b, shape_filter=processing.ShapeFilter(order=order)
+        )
         rows[f"detail error, deg, order {order}"] = [one.fidelity.detail_mae_deg for one in done]
         rows[f"shape error, deg, order {order}"] = [one.fidelity.shape_mae_deg for one in done]
         if order == 8:

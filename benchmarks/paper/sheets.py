@@ -103,7 +103,7 @@ def _quality(
             sheets[label] = tiled.detail, tiled.seam.ratio
         panels.append(_panel(name, exemplar))
         for label, (sheet, steps) in sheets.items():
-            found = processing.texture_figures(sheet, exemplar, patch=PATCH_PX)
+            found = processing.synthesis.texture_figures(sheet, exemplar, patch=PATCH_PX)
             if label == "synthesised":
                 rows[f"{name}, exemplar"] = [
                     found.exemplar_angle_deg, None, None, *map(
@@ -170,7 +170,7 @@ def _onto_target(
         exemplar = processing.separate(normals).detail
         meant = processing.synthesize_onto(exemplar, shape, patch=PATCH_PX).detail
         result = processing.combine(shape, meant)
-        again = processing.compare_details(processing.separate(result).detail, meant)
+        again = processing.detail.compare_details(processing.separate(result).detail, meant)
         profile = processing.height_profile(ground, processing.integrate(result))
         profiles[f"height_profile_{name.replace(' ', '_')}"] = profile
         panels += [lit_panel(f"{name} on {where}", result), *profile_panels(name, profile)]

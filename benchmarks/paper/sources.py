@@ -46,9 +46,9 @@ class Sources:
             {} if self.data is None else {name: self.given(name) for name in ("owl", "plant")}
         )
         return measured | {
-            "scales (simulated)": relief(simulator.LizardScales(_SKIN_MM, outline="square")),
-            "cloth (simulated)": relief(simulator.Textile(_CLOTH_MM, outline="square")),
-            "carving (simulated)": relief(simulator.WoodCarving(_WOOD_MM, outline="square")),
+            "scales (simulated)": relief(simulator.shapes.LizardScales(_SKIN_MM, outline="square")),
+            "cloth (simulated)": relief(simulator.shapes.Textile(_CLOTH_MM, outline="square")),
+            "carving (simulated)": relief(simulator.shapes.WoodCarving(_WOOD_MM, outline="square")),
         }
 
     def targets(self) -> dict[str, processing.NormalMap]:
@@ -117,12 +117,14 @@ def bowl(points: int) -> processing.NormalMap:
     """Return a spherical cap, cut at 60 degrees, with about this number of points."""
     radius = math.sqrt(points / math.pi)
     return relief(
-        simulator.SphericalCap(radius, radius / math.sqrt(3)), round(2 * radius) + 2, radius + 1
+        simulator.shapes.SphericalCap(radius, radius / math.sqrt(3)),
+        round(2 * radius) + 2,
+        radius + 1,
     )
 
 
 def relief(
-    surface: simulator.Surface, side_px: int = _SIDE_PX, reach_mm: float | None = None
+    surface: simulator.shapes.Surface, side_px: int = _SIDE_PX, reach_mm: float | None = None
 ) -> processing.NormalMap:
     """Return the normals of a height field seen from above, computed from its exact gradients."""
     reach = surface.radius_mm / math.sqrt(2) if reach_mm is None else reach_mm

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+import acquisition
 import processing
 import rig
 from benchmarks.paper import superres_tables as tables
@@ -51,7 +52,7 @@ def run_superres(*, quick: bool, seed: int, models: Path | None, advance: Progre
     sources, comparison = Sources.found(), Comparison(_PREFACE)
     maps = list(judged_maps(sources, seed, quick=quick))
     for scale in _SCALES[:1] if quick else _SCALES:
-        own = processing.read_superres_model(None, scale)
+        own = processing.superres.read_superres_model(None, scale)
         compared = networks(models, scale)
         random = _random(own, REPORTED[:_QUICK_RANDOM] if quick else REPORTED, advance)
         found = []
@@ -91,8 +92,8 @@ def networks(models: Path | None, scale: int) -> Networks:
     found: Networks = {}
     for path in sorted(models.glob("*.onnx")) if models is not None else ():
         try:
-            model = processing.read_superres_model(path, scale)
-        except processing.DataError as error:
+            model = processing.superres.read_superres_model(path, scale)
+        except acquisition.DataError as error:
             if "is for scale" in str(error):
                 continue
             raise

@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+import acquisition
 import processing
 
 Domain = Literal["normals", "detail"]
@@ -85,7 +86,7 @@ def judge(
     truth = processing.NormalMap(
         truth.normals[:height, :width].copy(), truth.mask[:height, :width].copy()
     )
-    low = processing.low_resolution(truth, scale)
+    low = processing.superres.low_resolution(truth, scale)
     plain = processing.super_resolve(low, scale, method="bicubic", mask=truth.mask)
     made = processing.super_resolve(low, scale, model=own, mask=truth.mask)
     maps = {"bicubic": plain.normal_map, "own": made.normal_map}
@@ -122,7 +123,7 @@ def deviation_ratios(made: processing.SuperResolution, truth: processing.NormalM
         return []
     inside = made.normal_map.mask & truth.mask
     predicted = made.sigma_deg[inside].astype(np.float64)
-    actual = processing.angle_deg(made.normal_map.normals[inside], truth.normals[inside])
+    actual = acquisition.angle_deg(made.normal_map.normals[inside], truth.normals[inside])
     parts = np.array_split(np.argsort(predicted, kind="stable"), _PARTS)
     return [float(np.sqrt(np.mean(actual[p] ** 2) / np.mean(predicted[p] ** 2))) for p in parts]
 

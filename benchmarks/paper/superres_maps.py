@@ -72,7 +72,7 @@ def _complete(sources: Sources, seed: int) -> Iterator[tuple[str, str, processin
 
 def _unseen(seed: int) -> dict[str, processing.NormalMap]:
     """Return simulated materials of kinds that no network was trained on, by name."""
-    carved = simulator.WoodCarving(_DISC_MM, seed=seed)
+    carved = simulator.shapes.WoodCarving(_DISC_MM, seed=seed)
     return {
         "lizard scales": materials(seed)["lizard scales"],
         "wood carving": relief(carved, _SIDE_PX),
@@ -81,7 +81,7 @@ def _unseen(seed: int) -> dict[str, processing.NormalMap]:
 
 def _seen(seed: int) -> dict[str, processing.NormalMap]:
     """Return simulated materials of kinds that are also among the random reliefs, by name."""
-    coin = relief(simulator.Coin(_DISC_MM, seed=seed), _SIDE_PX, _DISC_MM + 1)
+    coin = relief(simulator.shapes.Coin(_DISC_MM, seed=seed), _SIDE_PX, _DISC_MM + 1)
     made = materials(seed)
     return {"textile": made["textile"], "leather": made["leather"], "coin": coin}
 
@@ -93,12 +93,12 @@ def smooth() -> dict[str, processing.NormalMap]:
     and hills 217 pixels wide.
     """
     return {
-        "shallow cap": relief(simulator.SphericalCap(60, 15), _SIDE_PX, 60.5),
-        "ripples": relief(simulator.Ripples(100, wavelength_mm=17), _SIDE_PX),
+        "shallow cap": relief(simulator.shapes.SphericalCap(60, 15), _SIDE_PX, 60.5),
+        "ripples": relief(simulator.shapes.Ripples(100, wavelength_mm=17), _SIDE_PX),
         "small hills": relief(
-            simulator.BandNoise(100, rms_mm=1, wavelength_mm=25, seed=12), _SIDE_PX
+            simulator.shapes.BandNoise(100, rms_mm=1, wavelength_mm=25, seed=12), _SIDE_PX
         ),
-        "tilted plane": relief(simulator.Plane(100, slope_x=0.4, slope_y=0.2), _SIDE_PX),
+        "tilted plane": relief(simulator.shapes.Plane(100, slope_x=0.4, slope_y=0.2), _SIDE_PX),
         "saddle": _of_slopes(lambda x, y: (x, -y)),
         "long egg": _of_slopes(lambda x, y: _ratio(-x / 2, y, 1 - x**2 / 2 - y**2)),
         "fading waves": _of_slopes(lambda x, y: (np.sin(9 * x * (1.5 + x)), 0.5 * np.cos(5 * y))),
@@ -129,7 +129,7 @@ def head(
     mesh = processing.read_geometry(file)
     sources.files.add(file)
     # The face looks along -Z of the file.
-    turn = processing.view_rotation("back")
+    turn = processing.projection.view_rotation("back")
     side = _SIDE_PX // scale
     low = processing.project(mesh, turn, size=(side, side))
     high = processing.project(

@@ -28,11 +28,11 @@ def add_head(
         return
     advance("head of Max Planck", 0, 1)
     points, high = head(sources, sources.data, model.scale)
-    low = processing.low_resolution(high, model.scale)
+    low = processing.superres.low_resolution(high, model.scale)
     maps: dict[str, processing.NormalMap] = {}
     surfaces = {"low": processing.integrate(low), "high": processing.integrate(high)}
     rows: dict[str, list[Number]] = {}
-    tried: dict[str, tuple[processing.NormalMap, processing.PixelSampling, bool]] = {
+    tried: dict[str, tuple[processing.NormalMap, processing.superres.PixelSampling, bool]] = {
         "means, bicubic": (low, "area", False),
         f"means, {model.domain}": (low, "area", True),
         "points, bicubic": (points, "points", False),
@@ -105,7 +105,7 @@ def add_parts(
             slice(first - _PART_PX // 2, first + _PART_PX // 2) for first in (row, column)
         )
         truth = processing.NormalMap(given.normals[window].copy(), given.mask[window].copy())
-        low = processing.low_resolution(truth, model.scale)
+        low = processing.superres.low_resolution(truth, model.scale)
         plain = processing.super_resolve(low, model.scale, method="bicubic", mask=truth.mask)
         made = processing.super_resolve(low, model.scale, model=model, mask=truth.mask)
         panels += [

@@ -53,10 +53,8 @@ def _session(
 ) -> Path:
     """Record the relief as a rig would; ``clock`` is the time of each line of the journal."""
     import acquisition
-    from acquisition.plan.plan import CapturePlan
-    from acquisition.session.journal import Echo
-    from acquisition.session.manifest import Calibrations, Manifest, RigRecord
-    from acquisition.session.writer import SessionWriter
+    from acquisition import Calibrations, CapturePlan
+    from acquisition.session import Echo, Manifest, RigRecord, SessionWriter
 
     texts = dict(labels)
     plan = CapturePlan(leds=tuple(range(_COUNT)), exposures_us=(1000.0,))
@@ -263,7 +261,7 @@ def _journal_line(piece: bytes) -> dict[str, Any]:
 
 def _resealed(session: Path, change: Callable[[dict[str, Any]], None]) -> None:
     """Change lines of a journal, and compute all hashes again."""
-    from acquisition.session.journal import GENESIS, encode_line
+    from acquisition.session import GENESIS, encode_line
     from acquisition.session.layout import completion_mark
 
     previous, lines = GENESIS, []

@@ -93,7 +93,8 @@ def _watched(folder: Path, names: Sequence[str]) -> Outcome:
     """Watch a folder in which the images lie already, with equal times as after copying."""
     import os
 
-    from acquisition import Watch, lights_in_order, watch_folder
+    from acquisition import watch_folder
+    from acquisition.imports import Watch, lights_in_order
 
     source = _write(folder, names, directions(len(names)))
     (source / "mask.png").unlink()

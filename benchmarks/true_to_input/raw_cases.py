@@ -13,7 +13,9 @@ from true_to_input.case import Case, Outcome, Run, judge, later
 from true_to_input.dng_writer import area, black, delta, white, write_dng
 from true_to_input.relief import INSIDE, MASK, H, W, directions, error_of, images, write_lp
 
-from acquisition import Lights, import_frames, read_import, read_raw, read_source, write_lights
+from acquisition import Lights, import_frames, read_source, write_lights
+from acquisition.imports import read_import
+from acquisition.pixels import read_raw
 from rig.arrays import AnyArray
 
 _LIGHT = {"R": 800.0, "G": 1600.0, "B": 400.0}

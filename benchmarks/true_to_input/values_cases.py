@@ -56,7 +56,8 @@ def _near(lights, **errors):
 
 
 def _calibrated(lights):
-    from acquisition import Calibrated, Setup, UsedSphere
+    from acquisition import Setup
+    from acquisition.values import Calibrated, UsedSphere
 
     setup = Setup("another rig", "Maker", "M2", "40012345")
     sphere = UsedSphere((40.5, 30.25), 12.5, (1.0, 2.0, 3.0), 5.0)
@@ -110,7 +111,8 @@ def _changed_rig(folder: Path) -> Outcome:
 
 def _exported(folder: Path, layout: str) -> Outcome:
     """An export that is read or imported again has the lights of the session."""
-    from acquisition import import_frames, prepare_export, read_source
+    from acquisition import import_frames, read_source
+    from acquisition.exports import prepare_export
 
     session, lights, _ = _recorded(
         folder, lambda lights: _calibrated(_near(lights, covariances=_MM2))

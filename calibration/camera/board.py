@@ -15,16 +15,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from acquisition import missing_path, write_durably
 from calibration._errors import DataError
-from rig import (
-    Notice,
-    UnreadableError,
-    check_text,
-    pluralize,
-    read_bounded,
-    short_repr,
-    validation_message,
-)
+from rig import Notice, UnreadableError, pluralize, read_bounded, short_repr
 from rig.arrays import Bool, Float64, Int64
+from rig.files import check_text
+from rig.messages import validation_message
 
 _BITS: Final = ("4x4", "5x5", "6x6", "7x7")
 _COUNTS: Final = (50, 100, 250, 1000)
@@ -230,7 +224,8 @@ def read_board(path: str | Path) -> CharucoBoard:
 
     Examples
     --------
-    >>> from calibration import CharucoBoard, read_board, write_board
+    >>> from calibration import CharucoBoard, read_board
+    >>> from calibration.camera import write_board
     >>> write_board("board.json", CharucoBoard(11, 8, 15))
     >>> read_board("board.json").square_mm
     15.0
@@ -264,7 +259,8 @@ def write_board(path: str | Path, board: CharucoBoard) -> None:
     Examples
     --------
     >>> from pathlib import Path
-    >>> from calibration import CharucoBoard, write_board
+    >>> from calibration import CharucoBoard
+    >>> from calibration.camera import write_board
     >>> write_board("board.json", CharucoBoard(5, 4, 20))
     >>> Path("board.json").read_text()[:40]
     '{"format": "sgp-board", "version": 1, "c'

@@ -81,8 +81,11 @@ def find_working_plane(
     Examples
     --------
     >>> import cv2, numpy as np
-    >>> from calibration import CharucoBoard, calibrate_camera, find_board, find_working_plane
-    >>> from simulator import ChArUco, Lens, bench_camera, board_view
+    >>> from calibration import CharucoBoard, calibrate_camera, find_board
+    >>> from calibration.camera import find_working_plane
+    >>> from simulator import Lens, bench_camera
+    >>> from simulator.rendering import board_view
+    >>> from simulator.shapes import ChArUco
     >>> def seen(*tilt, lens=Lens.of(bench_camera())):
     ...     turn, _ = cv2.Rodrigues(np.array([*tilt, 0.0]))
     ...     sheet = board_view(lens, ChArUco(7, 5, 30), turn, (0, 0, 0), sheet_mm=(230, 170))

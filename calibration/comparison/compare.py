@@ -8,15 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri
 
-from acquisition import (
-    DataError,
-    LightErrors,
-    Lights,
-    angle_deg,
-    led_of,
-    lights_of_rig,
-    tangent_basis,
-)
+from acquisition import DataError, LightErrors, Lights, angle_deg
+from acquisition.value_files import lights_of_rig
+from acquisition.values import led_of, tangent_basis
 from calibration.comparison.notices import explanation_notices
 from calibration.comparison.order import Mirror, Motion, explain
 from rig import Notice, RigConfig, check_type, pluralize, short_repr
@@ -319,7 +313,7 @@ def compare_with_rig(lights: Lights, config: RigConfig) -> LightComparison:
     Examples
     --------
     >>> from acquisition import Lights
-    >>> from calibration import compare_with_rig
+    >>> from calibration.comparison import compare_with_rig
     >>> from rig import RigConfig
     >>> places = [[300, 0, 300], [0, 310, 300], [-280, 0, 300]]
     >>> config = RigConfig(name="arc", driver="bench", leds=3, led_positions_mm=places)

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from acquisition import led_of
+from acquisition.values import led_of
 from calibration.comparison.order import Explanation, Motion
 from rig import Notice
 from rig.arrays import Float64

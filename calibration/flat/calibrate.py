@@ -9,7 +9,9 @@ from datetime import UTC, datetime
 import cv2
 import numpy as np
 
-from acquisition import Calibrated, DataError, Flat, Lights, Source, source_setup
+from acquisition import DataError, Flat, Lights, Source
+from acquisition.source import source_setup
+from acquisition.values import Calibrated
 from calibration.flat.card import CardField, measure_card
 from calibration.flat.pixel_part import combine
 from calibration.flat.sites import Sites

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from acquisition import DataError, LightErrors, Lights, tangent_basis
+from acquisition import DataError, LightErrors, Lights
+from acquisition.values import tangent_basis
 from calibration.intensities.blocks import Blocks, blocks_of
 from calibration.intensities.fit import Fit, Vignetting, covariance_of, fit_vignetting
 from calibration.intensities.fit_tests import doubts

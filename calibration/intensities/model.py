@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from acquisition import Lights, tangent_basis
+from acquisition import Lights
+from acquisition.values import tangent_basis
 from rig.arrays import Float64
 
 
@@ -16,7 +17,7 @@ class Geometry:
 
     The pattern of light k is ``(cos t / cos t0)^mu`` (Queau et al., 2018), where t is the angle to
     its axis, here the given axis plus ``tilt[0] e1 + tilt[1] e2`` in the basis of
-    `acquisition.tangent_basis`, and t0 the angle of the origin.
+    `acquisition.values.tangent_basis`, and t0 the angle of the origin.
 
     Parameters
     ----------

@@ -41,7 +41,7 @@ def demosaic(mosaic: Float32, pattern: str) -> Float32:
     Examples
     --------
     >>> import numpy as np
-    >>> from calibration import demosaic
+    >>> from calibration.radiance import demosaic
     >>> card = np.tile(np.array([[1, 2], [2, 3]], np.float32), (2, 2))
     >>> demosaic(card, "RGGB")[1, 1]
     array([1., 2., 3.], dtype=float32)
@@ -116,7 +116,7 @@ def luma(colour: Float32) -> Float32:
     Examples
     --------
     >>> import numpy as np
-    >>> from calibration import luma
+    >>> from calibration.radiance import luma
     >>> luma(np.array([[1, 0, 0], [1, 1, 1]], np.float32)).round(4)
     array([0.2989, 0.9999], dtype=float32)
     """

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from acquisition import DataError, Frame, Linearizer, RowReader, Source, row_bands
+from acquisition import DataError, Frame, Source
+from acquisition.source import Linearizer, RowReader, row_bands
 from calibration._errors import EstimateError
 from calibration.radiance.brackets import (
     BLOOMING_PX,
@@ -243,7 +244,7 @@ class Developer:
     def raw(self, index: int) -> Pixels | None:
         """Read the pixels of a light with one frame of grey pixels, which are independent.
 
-        None for other lights. Raises as `acquisition.Linearizer.signal`.
+        None for other lights. Raises as `acquisition.source.Linearizer.signal`.
         """
         frames, _ = self.tasks[index]
         single = len(frames) == 1 and len(frames[0].shape) == 2

@@ -7,7 +7,8 @@ from typing import Literal
 
 import numpy as np
 
-from acquisition import DataError, Frame, Reduction, Source
+from acquisition import DataError, Frame, Source
+from acquisition.source import Reduction
 from calibration.radiance.demosaicing import check_pattern, demosaic, luma, site_factors
 from rig.arrays import Float32, Float64
 

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from acquisition import Linearizer, Source, row_bands, same_exposure
+from acquisition import Source
+from acquisition.source import Linearizer, row_bands, same_exposure
 from rig import Notice, pluralize
 from rig.arrays import Bool, Float32, Intp
 

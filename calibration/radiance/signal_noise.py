@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from acquisition import LINEAR, Frame, Linearizer, NoiseModel, Source, row_bands
+from acquisition import LINEAR, Frame, NoiseModel, Source
+from acquisition.source import Linearizer, row_bands
 from calibration.radiance.brackets import Law
 from rig.arrays import Float64
 

@@ -11,7 +11,8 @@ from typing import Literal, Self, overload
 
 import numpy as np
 
-from acquisition import CameraModel, Lights, RowReader, Source
+from acquisition import CameraModel, Lights, Source
+from acquisition.source import RowReader
 from calibration.radiance.developer import Developer, Index, Pixels, brightest_sample
 from calibration.radiance.image_form import Channel
 from calibration.radiance.stack_noise import StackNoise, pattern_from_row
@@ -279,10 +280,10 @@ def linear_stack(
 ) -> Stack:
     """Read a source and return its linear stack.
 
-    Every frame is made linear as `acquisition.Linearizer` does: black level, white level, transfer
-    curve of the source. The mean of the ambient frames of the same exposure, or else of the dark
-    frames, made linear in the same way, is subtracted, and the difference is divided by the
-    relative exposure of the frame. Samples at the white level are saturated and left out; float
+    Every frame is made linear as `acquisition.source.Linearizer` does: black level, white level,
+    transfer curve of the source. The mean of the ambient frames of the same exposure, or else of
+    the dark frames, made linear in the same way, is subtracted, and the difference is divided by
+    the relative exposure of the frame. Samples at the white level are saturated and left out; float
     images have no white level and keep their scale. Repeats are averaged. Brackets are merged with
     weights that are inversely proportional to their variances, or proportional to their exposure
     times if the noise is unknown; a bracket that one of at
@@ -402,7 +403,7 @@ def linear_images(
     --------
     >>> import numpy as np
     >>> from acquisition import read_source, write_png
-    >>> from calibration import linear_images
+    >>> from calibration.radiance import linear_images
     >>> for i in range(2):
     ...     write_png(f"card.{i}.png", np.full((4, 5), 65535 // 2, np.uint16))
     >>> [image.shape for image in linear_images(read_source("."))]
@@ -432,7 +433,7 @@ def check_linear(name: str, values: object) -> None:
     Examples
     --------
     >>> import numpy as np
-    >>> from calibration import check_linear
+    >>> from calibration.radiance import check_linear
     >>> check_linear("values", np.zeros((3, 4, 5), np.float32))
     >>> check_linear("values", np.zeros((3, 4, 5), np.uint8))
     Traceback (most recent call last):

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from acquisition import Measured, MeasuredSensor, Source
+from acquisition import MeasuredSensor, Source
+from acquisition.values import Measured
 from calibration._errors import EstimateError
 from calibration.sensor.dark_frames import DarkFrames, dark_frames
 from calibration.sensor.photon_transfer import (

@@ -8,7 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from acquisition import Frame, row_bands
+from acquisition import Frame
+from acquisition.source import row_bands
 from calibration._errors import EstimateError
 from rig import Progress, no_progress
 from rig.arrays import Bool, Float32, Float64

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from acquisition import Measured
+from acquisition.values import Measured
 from calibration._errors import EstimateError
 from calibration.sensor.dark_frames import DarkFrames
 from calibration.sensor.series_points import SeriesPoints

@@ -9,7 +9,8 @@ from math import ceil, log2
 
 import numpy as np
 
-from acquisition import LINEAR, DataError, Frame, Setup, Source, same_exposure
+from acquisition import LINEAR, DataError, Frame, Setup, Source
+from acquisition.source import same_exposure
 from calibration._errors import EstimateError
 from rig import pluralize
 

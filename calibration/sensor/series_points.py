@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from acquisition import RowReader, row_bands
+from acquisition.source import RowReader, row_bands
 from calibration._errors import DataError, EstimateError
 from calibration.sensor.dark_frames import DarkFrames
 from calibration.sensor.recorded_series import Repeats, Series

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from acquisition import CameraModel, DataError, led_id
+from acquisition import CameraModel, DataError
+from acquisition.values import led_id
 from calibration._errors import EstimateError
 from calibration.radiance.stack import Images, RawStack, Stack
 from calibration.spheres.judge.input_tests import known_places

@@ -72,7 +72,7 @@ def sphere_candidates(
     Examples
     --------
     >>> import numpy as np
-    >>> from calibration import sphere_candidates
+    >>> from calibration.spheres import sphere_candidates
     >>> sphere_candidates(np.full((3, 48, 64), 0.2, np.float32))  # nothing in even images
     []
     """

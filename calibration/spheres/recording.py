@@ -9,7 +9,8 @@ from itertools import combinations
 
 import numpy as np
 
-from acquisition import CameraModel, DataError, led_id
+from acquisition import CameraModel, DataError
+from acquisition.values import led_id
 from calibration._errors import EstimateError
 from calibration.radiance.stack import Images, RawStack, Stack, check_linear
 from calibration.spheres.highlights.highlights import find_highlights

@@ -10,18 +10,9 @@ from datetime import UTC, datetime
 import cv2
 import numpy as np
 
-from acquisition import (
-    Calibrated,
-    DataError,
-    LightErrors,
-    Lights,
-    Source,
-    UsedSphere,
-    exclude,
-    setup_differences,
-    source_setup,
-    with_time_errors,
-)
+from acquisition import DataError, LightErrors, Lights, Source, exclude
+from acquisition.source import setup_differences, source_setup, with_time_errors
+from acquisition.values import Calibrated, UsedSphere
 from calibration.spheres.geometry.ellipse import Ellipse
 from calibration.spheres.solve.sphere_calibration import SphereCalibration
 from rig import check_type, pluralize
@@ -125,7 +116,7 @@ def record_setup(estimate: SphereCalibration, source: Source, *others: Source) -
 
     The time is the start of the (first) recording, or now if the recording does not state it. Only
     sessions of a rig know their rig. `write_lights` writes all of it to lights.json, and
-    `acquisition.setup_notices` compares it with a recording.
+    `acquisition.source.setup_notices` compares it with a recording.
 
     Parameters
     ----------
@@ -140,7 +131,8 @@ def record_setup(estimate: SphereCalibration, source: Source, *others: Source) -
     --------
     >>> import numpy as np
     >>> from acquisition import read_source, write_png
-    >>> from calibration import calibrate_spheres, record_setup
+    >>> from calibration import calibrate_spheres
+    >>> from calibration.spheres import record_setup
     >>> from simulator import render, scene_named
     >>> rendering = render(scene_named("spheres", width=160, height=128, leds=3))
     >>> write_png("L00.png", np.rint(9e3 * rendering.planes[0]).astype(np.uint16))
@@ -186,7 +178,7 @@ def check_recordings(sources: Sequence[Source]) -> None:
     --------
     >>> import numpy as np
     >>> from acquisition import CameraModel, read_source, write_png
-    >>> from calibration import check_recordings
+    >>> from calibration.spheres import check_recordings
     >>> write_png("L00.png", np.full((40, 50), 700, np.uint16))
     >>> cameras = [CameraModel([[f, 0, 25], [0, f, 20], [0, 0, 1]], 50, 40) for f in (90, 95)]
     >>> try:

@@ -308,7 +308,7 @@ def image_quality(
     --------
     >>> import numpy as np
     >>> from acquisition import Lights
-    >>> from processing import image_quality
+    >>> from processing.checks import image_quality
     >>> around = np.linspace(0, 2 * np.pi, 8, endpoint=False)
     >>> lights = Lights(directions=np.stack([np.cos(around), np.sin(around), 0 * around + 2], 1))
     >>> y, x = np.mgrid[0.7:-0.7:48j, -0.7:0.7:48j]

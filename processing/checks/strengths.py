@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from acquisition import DataError, LightErrors, Lights
-from calibration import EstimateError, Stack, check_linear
+from calibration import EstimateError, Stack
+from calibration.radiance import check_linear
 from processing.checks.strength_fit import (
     StrengthFit,
     fit_strengths,
@@ -147,7 +148,7 @@ def light_strengths(
     --------
     >>> import numpy as np
     >>> from acquisition import Lights
-    >>> from processing import light_strengths
+    >>> from processing.checks import light_strengths
     >>> lights = Lights(directions=[[1, 0, 1], [0, 1, 1], [-1, 0, 1], [0, -1, 1], [0, 0, 1]])
     >>> y, x = np.mgrid[0.5:-0.5:40j, -0.5:0.5:40j]
     >>> normals = np.dstack([x, y, np.sqrt(1 - x**2 - y**2)])

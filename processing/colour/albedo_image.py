@@ -56,7 +56,7 @@ def albedo_picture(albedo: Float32, mask: Bool) -> AlbedoPicture:
     Examples
     --------
     >>> import numpy as np
-    >>> from processing import albedo_picture
+    >>> from processing.colour import albedo_picture
     >>> albedo = np.linspace(0, 0.5, 1000, dtype=np.float32).reshape(20, 50)
     >>> picture = albedo_picture(albedo, np.ones((20, 50), bool))
     >>> picture.pixels.dtype, round(picture.white, 2)
@@ -77,7 +77,7 @@ def albedo_white(albedo: MapRows, mask: Bool) -> float:
     Examples
     --------
     >>> import numpy as np
-    >>> from processing import albedo_white
+    >>> from processing.colour import albedo_white
     >>> round(albedo_white(np.linspace(0, 0.5, 1000).reshape(20, 50), np.ones((20, 50), bool)), 2)
     0.5
     """
@@ -110,7 +110,7 @@ def albedo_samples(albedo: Float32, mask: Bool, white: float) -> UInt8:
     Examples
     --------
     >>> import numpy as np
-    >>> from processing import albedo_samples
+    >>> from processing.colour import albedo_samples
     >>> albedo_samples(np.array([[0.0, 0.1, 0.5]], np.float32), np.ones((1, 3), bool), 0.5)
     array([[  0, 124, 255]], dtype=uint8)
     """

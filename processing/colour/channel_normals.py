@@ -9,7 +9,8 @@ from typing import Self
 import numpy as np
 
 from acquisition import CameraModel, Lights
-from calibration import StackNoise, luma
+from calibration import StackNoise
+from calibration.radiance import luma
 from processing.stereo.frames import Frames
 from processing.stereo.image_noise import NoiseLaw, law_of_images
 from processing.stereo.light_model import LightModel

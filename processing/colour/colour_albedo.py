@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from acquisition import Lights, Source
-from calibration import linear_images, luma
+from calibration.radiance import linear_images, luma
 from processing.images.viewing_rays import SurfacePoints
 from processing.maps.normal_map import NormalMap
 from processing.stereo.frames import Frames

@@ -9,7 +9,8 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from calibration import StackNoise, luma
+from calibration import StackNoise
+from calibration.radiance import luma
 from processing.colour.channel_normals import ColourImages, ColourMaps
 from processing.stereo.frames import Frames
 from processing.stereo.image_noise import NoiseLaw, law_of_images

@@ -7,7 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, Lights
-from calibration import StackNoise, check_linear, luma
+from calibration import StackNoise
+from calibration.radiance import check_linear, luma
 from processing.stereo.frames import Frames
 from processing.stereo.image_noise import NoiseLaw
 from processing.stereo.light_model import LightModel
@@ -68,7 +69,8 @@ def specular_residual(
     --------
     >>> import numpy as np
     >>> from acquisition import Lights
-    >>> from processing import photometric_stereo, specular_residual
+    >>> from processing import photometric_stereo
+    >>> from processing.colour import specular_residual
     >>> lights = Lights(directions=[[0, 0, 1], [1, 0, 1], [0, 1, 1], [-1, 0, 1], [0, -1, 1]])
     >>> values = np.tile(lights.unit_directions[:, 2, None, None], (1, 2, 2))
     >>> stereo = photometric_stereo(values, lights, np.ones((2, 2), bool))

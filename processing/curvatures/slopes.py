@@ -199,7 +199,8 @@ def curvature(
     Examples
     --------
     >>> import numpy as np
-    >>> from processing import NormalMap, curvature
+    >>> from processing import NormalMap
+    >>> from processing.curvatures import curvature
     >>> y, x = np.mgrid[20:-21:-1, -20:21] / 50  # Y is up; a ball with a radius of 50 px
     >>> ball = NormalMap.from_vectors(np.dstack([x, y, np.sqrt(1 - x**2 - y**2)]))
     >>> found = curvature(ball, pixel_mm=0.1)

@@ -1,1 +1,6 @@
-"""Cuts along which overlapping parts of a map differ least."""
+"""Detail of surfaces: separation from the shape, transfer to other surfaces, and comparison."""
+
+import lazy_loader
+
+# The names are listed in __init__.pyi; each is loaded when it is first used.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from acquisition import MemoryMaps
+from acquisition.files import MemoryMaps
 from processing.detail.choices import Tile
 from processing.detail.placement import Placement
 from processing.detail.seam import SeamSteps, border_steps

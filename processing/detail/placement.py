@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from acquisition import ComputedRows, DataError, MapRows, MapToFill
+from acquisition import DataError, MapRows
+from acquisition.files import ComputedRows, MapToFill
 from processing.detail.choices import TILES, Tile
 from processing.detail.minimum_cuts import taken_pixels
 from processing.maps.normal_map import NormalMap

@@ -52,7 +52,8 @@ def compare_details(detail: NormalMap, reference: NormalMap) -> DetailComparison
     Examples
     --------
     >>> import numpy as np
-    >>> from processing import NormalMap, compare_details
+    >>> from processing import NormalMap
+    >>> from processing.detail import compare_details
     >>> x = np.tile(np.arange(24.0), (24, 1))
     >>> ripples = NormalMap.from_vectors(np.dstack([0.2 * np.sin(x), 0 * x, 0 * x + 1]))
     >>> comparison = compare_details(ripples, ripples)
@@ -89,7 +90,8 @@ def idempotence(parts: Separation, highest: int = 4) -> dict[int, DetailComparis
     Examples
     --------
     >>> import numpy as np
-    >>> from processing import NormalMap, idempotence, separate
+    >>> from processing import NormalMap, separate
+    >>> from processing.detail import idempotence
     >>> x = np.tile(np.arange(32.0), (32, 1))
     >>> parts = separate(NormalMap.from_vectors(np.dstack([np.sin(x), 0 * x, 0 * x + 2])))
     >>> sorted(idempotence(parts))
@@ -164,7 +166,8 @@ def transfer_chain(
     Examples
     --------
     >>> import numpy as np
-    >>> from processing import NormalMap, transfer_chain
+    >>> from processing import NormalMap
+    >>> from processing.detail import transfer_chain
     >>> y, x = np.mgrid[1:-1:32j, -1:1:32j]
     >>> bowl = NormalMap.from_vectors(np.dstack([x, y, 0 * x + 2]))
     >>> hill = NormalMap.from_vectors(np.dstack([-x, -y, 0 * x + 2]))
@@ -217,7 +220,8 @@ def cross_exchange(
     Examples
     --------
     >>> import numpy as np
-    >>> from processing import NormalMap, cross_exchange
+    >>> from processing import NormalMap
+    >>> from processing.detail import cross_exchange
     >>> y, x = np.mgrid[1:-1:32j, -1:1:32j]
     >>> bowl = NormalMap.from_vectors(np.dstack([x, y, 0 * x + 2]))
     >>> ripples = NormalMap.from_vectors(np.dstack([0.2 * np.sin(40 * x), 0 * x, 0 * x + 1]))

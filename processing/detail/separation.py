@@ -9,7 +9,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from acquisition import DataError, Form, MapRows, Maps
+from acquisition import DataError, MapRows
+from acquisition.files import Form, Maps
 from processing.detail.rotation import rotate_from_z, rotate_to_z
 from processing.detail.shape_filter import ShapeFilter
 from processing.maps.metrics import angle_map_deg
@@ -44,7 +45,9 @@ class SeparationStage:
     Examples
     --------
     >>> import numpy as np
-    >>> from processing import NormalMap, SeparationStage, ShapeFilter, computed
+    >>> from processing import NormalMap, ShapeFilter
+    >>> from processing.detail import SeparationStage
+    >>> from processing.stages import computed
     >>> y, x = np.mgrid[1:-1:32j, -1:1:32j]
     >>> bowl = NormalMap.from_vectors(np.dstack([x, y, 0 * x + 2]))
     >>> computed(SeparationStage(ShapeFilter(w=3)), bowl)["shape"][10:12].shape
@@ -127,7 +130,8 @@ def separate_rows(
     Examples
     --------
     >>> import numpy as np
-    >>> from processing import NormalMap, ShapeFilter, separate, separate_rows
+    >>> from processing import NormalMap, ShapeFilter, separate
+    >>> from processing.detail import separate_rows
     >>> y, x = np.mgrid[1:-1:64j, -1:1:32j]
     >>> bowl, by = NormalMap.from_vectors(np.dstack([x, y, 0 * x + 2])), ShapeFilter(w=3)
     >>> _, part = separate_rows(bowl.normals, bowl.mask, slice(20, 30), shape_filter=by)
@@ -309,7 +313,8 @@ def relative_detail(normal_map: NormalMap, shape: NormalMap) -> NormalMap:
     Examples
     --------
     >>> import numpy as np
-    >>> from processing import NormalMap, relative_detail
+    >>> from processing import NormalMap
+    >>> from processing.detail import relative_detail
     >>> y, x = np.mgrid[1:-1:24j, -1:1:24j]
     >>> bowl = NormalMap.from_vectors(np.dstack([x, y, 0 * x + 2]))
     >>> round(float(relative_detail(bowl, bowl).normals[3, 4, 2]), 6)

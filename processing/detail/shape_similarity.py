@@ -58,7 +58,8 @@ def rotation_similarity(shape: NormalMap, w: int = 5) -> RotationSimilarity:
     Examples
     --------
     >>> import numpy as np
-    >>> from processing import NormalMap, rotation_similarity
+    >>> from processing import NormalMap
+    >>> from processing.detail import rotation_similarity
     >>> flat = NormalMap.from_vectors(np.tile([0.0, 0.0, 1.0], (16, 16, 1)))
     >>> rotation_similarity(flat).angle_deg
     0.0

@@ -9,7 +9,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from acquisition import DataError, Form, MapRows, Maps, MapToFill
+from acquisition import DataError, MapRows
+from acquisition.files import Form, Maps, MapToFill
 from processing.detail.choices import Tile
 from processing.detail.placement import Cover, Placement, place_at
 from processing.detail.rotation import rotate_between, rotate_from_z
@@ -287,7 +288,9 @@ class TransferStage:
     Examples
     --------
     >>> import numpy as np
-    >>> from processing import NormalMap, TransferStage, computed
+    >>> from processing import NormalMap
+    >>> from processing.detail import TransferStage
+    >>> from processing.stages import computed
     >>> y, x = np.mgrid[1:-1:32j, -1:1:32j]
     >>> bowl = NormalMap.from_vectors(np.dstack([x, y, 0 * x + 2]))
     >>> stage = TransferStage()

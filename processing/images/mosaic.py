@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from calibration import demosaic, luma
+from calibration.radiance import demosaic, luma
 from rig.arrays import Bool, Float32
 
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration import BandedStack, Stack, StackNoise, luma
+from calibration import BandedStack, Stack, StackNoise
+from calibration.radiance import luma
 from processing.images.viewing_rays import SurfacePoints
 from rig import Notice
 from rig.arrays import Bool, Float32, Float64, Intp

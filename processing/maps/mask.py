@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
-from calibration import EstimateError, check_linear
+from calibration import EstimateError
+from calibration.radiance import check_linear
 from rig import short_repr
 from rig.arrays import Bool, Float32, Float64
 
@@ -81,7 +82,7 @@ def object_mask(values: npt.ArrayLike, *, outside: Bool | None = None) -> Object
     Examples
     --------
     >>> import numpy as np
-    >>> from processing import object_mask
+    >>> from processing.maps import object_mask
     >>> values = np.full((3, 40, 40), 0.001, np.float32)
     >>> values[:, 10:30, 10:30] = 0.5
     >>> object_mask(values).mask[20, 8:12]

@@ -9,7 +9,8 @@ from typing import Any, Literal, NamedTuple, Protocol
 import numba
 import numpy as np
 
-from acquisition import BandFile, DataError, rows_in_bands
+from acquisition import DataError
+from acquisition.files import BandFile, rows_in_bands
 from processing.maps.normal_encoding import NormalEncoding, normal_encoding
 from processing.maps.normal_map import directions
 from rig import Notice, in_threads, pluralize

@@ -9,19 +9,17 @@ from typing import NamedTuple
 import numpy as np
 
 from acquisition import (
-    BandFile,
-    ComputedRows,
     DataError,
-    ImageRows,
     MapRows,
     make_folder,
     missing_path,
-    read_image_with_alpha,
     read_mask,
     write_exr,
     write_mask,
     write_png,
 )
+from acquisition.files import BandFile, ComputedRows
+from acquisition.pixels import ImageRows, read_image_with_alpha
 from processing.maps.normal_decoding import GivenMask, Green, PixelsInMemory, decode_normals, encode
 from processing.maps.normal_map import NormalMap, check_normal_map
 from processing.maps.npy_file import npy_shape, read_npy
@@ -202,7 +200,7 @@ def store_normals(
     >>> import numpy as np
     >>> from pathlib import Path
     >>> from acquisition import write_png
-    >>> from processing import store_normals
+    >>> from processing.maps import store_normals
     >>> write_png("flat.png", np.full((4, 5, 3), (128, 128, 255), np.uint8))
     >>> stored = store_normals("flat.png", Path("flat.raw"))
     >>> stored.normals[1:3].shape, int(stored.mask.sum())
@@ -293,8 +291,8 @@ def write_normal_rows(
     Examples
     --------
     >>> import numpy as np
-    >>> from acquisition import ComputedRows
-    >>> from processing import write_normal_rows
+    >>> from acquisition.files import ComputedRows
+    >>> from processing.maps import write_normal_rows
     >>> up = np.float32([0, 0, 1])
     >>> flat = ComputedRows((4, 5, 3), up.dtype, lambda rows: np.tile(up, (4, 5, 1))[rows])
     >>> [path.name for path in write_normal_rows("flat", flat, np.ones((4, 5), bool)).values()]

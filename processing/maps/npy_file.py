@@ -14,8 +14,9 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 
 from acquisition import DataError, MissingPathError
-from rig import MAX_BINARY_BYTES, UnreadableError, read_bounded, read_head
+from rig import UnreadableError, read_bounded
 from rig.arrays import AnyArray
+from rig.files import MAX_BINARY_BYTES, read_head
 
 _MAGIC: Final = b"\x93NUMPY"
 _MOST_HEADER: Final = 10_000  # NumPy also rejects longer ones

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from acquisition import DataError, MapRows, write_durably, write_pieces, write_png
+from acquisition import DataError, MapRows, write_durably, write_png
+from acquisition.files import write_pieces
 from processing.meshes.glb import glb
 from processing.meshes.mesh import Mesh, check_cover, height_mesh
 from processing.meshes.mesh_pieces import Piece, PlyForm, stl_facets, stl_header

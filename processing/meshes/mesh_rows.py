@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from acquisition import MapRows, rows_in_bands
+from acquisition import MapRows
+from acquisition.files import rows_in_bands
 from processing.meshes.face_kernels import KINDS, faces_of_kind, kinds_of_triangles
 from processing.meshes.mesh import no_triangle
 from processing.meshes.mesh_pieces import Piece, PlyForm, stl_facets, stl_header

@@ -7,7 +7,8 @@ import math
 import numba
 import numpy as np
 
-from acquisition import Lights, tangent_basis
+from acquisition import Lights
+from acquisition.values import tangent_basis
 from processing.stereo.pixel_algebra import ANY_ORDER, IN_PLACE
 from rig.arrays import Float32, Float64
 

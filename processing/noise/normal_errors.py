@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import CameraModel, DataError, Lights
-from calibration import StackNoise, check_linear
+from calibration import StackNoise
+from calibration.radiance import check_linear
 from processing.noise.pixel_variances import (
     Counts,
     Origin,
@@ -120,7 +121,8 @@ def normal_uncertainty(
     --------
     >>> import numpy as np
     >>> from acquisition import Lights
-    >>> from processing import normal_uncertainty, photometric_stereo
+    >>> from processing import photometric_stereo
+    >>> from processing.noise import normal_uncertainty
     >>> lights = Lights(directions=[[1, 0, 1], [0, 1, 1], [-1, 0, 1], [0, -1, 1], [0, 0, 1]])
     >>> images = np.sqrt([0.5, 0.5, 0.5, 0.5, 1])[:, None, None] * np.ones((5, 30, 30))
     >>> images += 0.01 * np.random.default_rng(1).normal(size=images.shape)

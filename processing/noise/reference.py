@@ -55,7 +55,7 @@ from rig.arrays import Float32, Float64, Int64, Intp, UInt8, UInt16
 
 # Compiled in: processing/stereo/pixel_algebra.py 26b23d5074af
 # Compiled in: processing/noise/sample_judgement.py 93dbba067bca
-# Compiled in: processing/noise/light_table.py 252a40fcda51
+# Compiled in: processing/noise/light_table.py 33ac2d365a5c
 # Compiled in: processing/noise/reflectance_residual.py 5927e0bbb182
 # Compiled in: processing/noise/tangents.py 023141937ae7
 # Compiled in: processing/noise/tile_light_errors.py b9bda73e1cf1

@@ -10,7 +10,8 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from acquisition import DataError, MeshFile, read_mesh_file
+from acquisition import DataError
+from acquisition.mesh_files import MeshFile, read_mesh_file
 from processing.projection.mesh_kernels import edge_faults, half_edges, joined_vertices
 from rig import Notice, short_repr
 from rig.arrays import AnyArray, Bool, Float32, Float64, Floating, Int32, Int64

@@ -69,7 +69,7 @@ def view_rotation(
     Examples
     --------
     >>> import numpy as np
-    >>> from processing import view_rotation
+    >>> from processing.projection import view_rotation
     >>> bool((view_rotation("front") == np.eye(3)).all())
     True
     >>> (view_rotation("top") @ [0, 1, 0]).round()  # up in the file points to the viewer

@@ -7,7 +7,8 @@ from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
-from acquisition import Form, Lights, Maps
+from acquisition import Lights
+from acquisition.files import Form, Maps
 from processing.colour.specular import mean_excess
 from processing.images.recorded_images import Band, RowSample
 from processing.images.viewing_rays import SurfacePoints

@@ -8,8 +8,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from acquisition import MemoryMaps
-from calibration import luma
+from acquisition.files import MemoryMaps
+from calibration.radiance import luma
 from processing.colour.channel_normals import (
     ColourImages,
     ColourMaps,

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from acquisition import CameraModel, Form, Maps
+from acquisition import CameraModel
+from acquisition.files import Form, Maps
 from calibration import EstimateError
 from processing.images.viewing_rays import View
 from processing.near.near_height import NearHeight

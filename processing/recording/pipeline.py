@@ -10,16 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from acquisition import (
-    BandStore,
-    MapRows,
-    MemoryMaps,
-    Source,
-    check_unfinished,
-    rows_in_bands,
-    setup_notices,
-)
-from calibration import BandedStack, Channel, Stack, linear_stack, luma, open_stack
+from acquisition import MapRows, Source
+from acquisition.files import BandStore, MemoryMaps, check_unfinished, rows_in_bands
+from acquisition.source import setup_notices
+from calibration import BandedStack, Stack, linear_stack, open_stack
+from calibration.radiance import Channel, luma
 from processing.colour.colour_albedo import (
     ColourSums,
     colour_albedo,
@@ -138,7 +133,7 @@ class NormalsStage:
     >>> import numpy as np
     >>> from pathlib import Path
     >>> from acquisition import Lights, read_source, write_png
-    >>> from processing import MapFiles, NormalsStage
+    >>> from processing.recording import MapFiles, NormalsStage
     >>> lights = Lights(directions=[[1, 0, 2], [0, 1, 2], [-1, 0, 2], [0, -1, 2]])
     >>> for i in range(4):
     ...     write_png(f"card.{i}.png", np.pad(np.full((40, 60), 9000, np.uint16), 9))

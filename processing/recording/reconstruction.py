@@ -8,15 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from acquisition import (
-    BandStore,
-    ComputedRows,
-    Lights,
-    MapRows,
-    MemoryMaps,
-    Source,
-    rows_in_bands,
-)
+from acquisition import Lights, MapRows, Source
+from acquisition.files import BandStore, ComputedRows, MemoryMaps, rows_in_bands
 from processing.checks.quality import ImageQuality
 from processing.checks.strengths import LightStrengths
 from processing.maps.metrics import AngularError

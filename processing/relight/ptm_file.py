@@ -17,18 +17,13 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from acquisition import DataError, MissingPathError, write_pieces
+from acquisition import DataError, MissingPathError
+from acquisition.files import write_pieces
 from processing.relight.ptm_bytes import ptm_bytes
 from processing.relight.relightable_image import RelightableImage
-from rig import (
-    MAX_BINARY_BYTES,
-    MAX_PIXELS,
-    UnreadableError,
-    check_pixels,
-    check_type,
-    read_bounded,
-)
+from rig import MAX_PIXELS, UnreadableError, check_type, read_bounded
 from rig.arrays import Float32, UInt8
+from rig.files import MAX_BINARY_BYTES, check_pixels
 
 # Where the terms of the basis ptm (1, u, v, u², uv, v²) are in the file, and the reverse.
 _TO_FILE: Final = [3, 5, 4, 1, 2, 0]
@@ -81,7 +76,8 @@ def write_ptm(path: str | Path, image: RelightableImage) -> RelightableImage:
     Examples
     --------
     >>> import numpy as np
-    >>> from processing import NormalMap, fit_normals, read_ptm, write_ptm
+    >>> from processing import NormalMap
+    >>> from processing.relight import fit_normals, read_ptm, write_ptm
     >>> facing = NormalMap.from_vectors(np.tile([0.0, 0.0, 1.0], (4, 5, 1)))
     >>> stored = write_ptm("card.ptm", fit_normals(facing, np.ones((4, 5))).image)
     >>> np.allclose(read_ptm("card.ptm").relit([1, 0, 1]), stored.relit([1, 0, 1]))
@@ -144,7 +140,7 @@ def read_ptm(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> RelightableIm
     Examples
     --------
     >>> from pathlib import Path
-    >>> from processing import read_ptm
+    >>> from processing.relight import read_ptm
     >>> head = b"PTM_1.2\nPTM_FORMAT_LRGB\n1 1\n1 1 1 1 1 1\n0 0 0 0 0 0\n"
     >>> _ = Path("one.ptm").write_bytes(head + bytes([0, 0, 0, 0, 204, 51]) + bytes([255, 0, 0]))
     >>> read_ptm("one.ptm").relit([0, 1, 0]).round(3).tolist()

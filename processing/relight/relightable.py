@@ -93,7 +93,7 @@ def fit_recording(
     --------
     >>> import numpy as np
     >>> from acquisition import Lights, read_source, write_png
-    >>> from processing import fit_recording
+    >>> from processing.relight import fit_recording
     >>> lights = Lights(directions=np.random.default_rng(0).normal(size=(9, 3)) ** 2)
     >>> for i in range(9):
     ...     write_png(f"card.{i}.png", np.full((4, 5), 40_000, np.uint16))
@@ -168,7 +168,8 @@ def fit_normals(
     Examples
     --------
     >>> import numpy as np
-    >>> from processing import NormalMap, fit_normals
+    >>> from processing import NormalMap
+    >>> from processing.relight import fit_normals
     >>> facing = NormalMap.from_vectors(np.tile([0.0, 0.0, 1.0], (4, 5, 1)))
     >>> image = fit_normals(facing, np.full((4, 5), 0.5), basis="hsh9", values="linear").image
     >>> image.relit([0, 0, 1])[0, 0].round(2), image.relit([1, 0, 1])[0, 0].round(2)

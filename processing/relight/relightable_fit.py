@@ -10,7 +10,8 @@ import numba
 import numpy as np
 
 from acquisition import SRGB
-from calibration import EstimateError, luma
+from calibration import EstimateError
+from calibration.radiance import luma
 from processing.relight.relightable_image import TERMS, LightBasis, RelightableImage
 from rig import Progress, in_threads
 from rig.arrays import Float32, Float64, Intp

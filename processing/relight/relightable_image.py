@@ -84,7 +84,7 @@ class RelightableImage:
         Examples
         --------
         >>> import numpy as np
-        >>> from processing import RelightableImage
+        >>> from processing.relight import RelightableImage
         >>> brighter_upward = np.float32([[[0.5, 0, 0.5, 0, 0, 0]]])
         >>> image = RelightableImage("ptm", brighter_upward, np.ones((1, 1, 3), np.float32))
         >>> image.relit([0, 1, 0]).tolist(), image.relit([0, -1, 0]).tolist()
@@ -126,7 +126,7 @@ def light_basis(directions: npt.ArrayLike, basis: LightBasis) -> Float64:
 
     Examples
     --------
-    >>> from processing import light_basis
+    >>> from processing.relight import light_basis
     >>> light_basis([[0, 0, 2], [3, 4, 0]], "ptm").round(2)
     array([[1.  , 0.  , 0.  , 0.  , 0.  , 0.  ],
            [1.  , 0.6 , 0.8 , 0.36, 0.48, 0.64]])

@@ -115,7 +115,8 @@ def write_rti_planes(
     >>> import json
     >>> import numpy as np
     >>> from pathlib import Path
-    >>> from processing import NormalMap, fit_normals, write_rti_planes
+    >>> from processing import NormalMap
+    >>> from processing.relight import fit_normals, write_rti_planes
     >>> facing = NormalMap.from_vectors(np.tile([0.0, 0.0, 1.0], (4, 5, 1)))
     >>> image = fit_normals(facing, np.ones((4, 5)), basis="hsh9").image
     >>> files, stored = write_rti_planes(".", image, [[0, 0, 1]])

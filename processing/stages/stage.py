@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from acquisition import Form, MapRows, Maps, MemoryMaps
+from acquisition import MapRows
+from acquisition.files import Form, Maps, MemoryMaps
 from rig import Progress, no_progress
 from rig.arrays import Bool
 
@@ -110,8 +111,8 @@ def run_steps(
     Examples
     --------
     >>> import numpy as np
-    >>> from acquisition import MemoryMaps
-    >>> from processing import Step, run_steps
+    >>> from acquisition.files import MemoryMaps
+    >>> from processing.stages import Step, run_steps
     >>> maps = MemoryMaps({"squares": ((4,), np.float64)})
     >>> def square(rows):
     ...     maps["squares"][rows] = np.arange(rows.start, rows.stop) ** 2
@@ -141,7 +142,9 @@ def computed(stage: Stage, *inputs: NormalRows, on_progress: Progress = no_progr
     Examples
     --------
     >>> import numpy as np
-    >>> from processing import NormalMap, SeparationStage, computed
+    >>> from processing import NormalMap
+    >>> from processing.detail import SeparationStage
+    >>> from processing.stages import computed
     >>> y, x = np.mgrid[1:-1:32j, -1:1:32j]
     >>> bowl = NormalMap.from_vectors(np.dstack([x, y, 0 * x + 2]))
     >>> sorted(computed(SeparationStage(), bowl))

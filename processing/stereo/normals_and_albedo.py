@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import CameraModel, DataError, Lights
-from calibration import EstimateError, StackNoise, check_linear
+from calibration import EstimateError, StackNoise
+from calibration.radiance import check_linear
 from processing.maps.normal_map import NormalMap
 from processing.stereo.frames import Frames
 from processing.stereo.image_noise import NoiseLaw, law_of_images

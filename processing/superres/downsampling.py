@@ -57,7 +57,8 @@ def low_resolution(
     Examples
     --------
     >>> import numpy as np
-    >>> from processing import NormalMap, low_resolution
+    >>> from processing import NormalMap
+    >>> from processing.superres import low_resolution
     >>> y, x = np.mgrid[1:-1:64j, -1:1:96j]
     >>> bowl = NormalMap.from_vectors(np.dstack([x, y, 0 * x + 2]))
     >>> low_resolution(bowl, 4)

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from acquisition import DataError, MapRows, rows_in_bands
+from acquisition import DataError, MapRows
+from acquisition.files import rows_in_bands
 from processing.maps.normal_map import NormalMap, check_normal_map
 from processing.stages.stage import computed
 from processing.superres.method import PixelSampling, SuperResolutionMethod

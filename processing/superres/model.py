@@ -12,8 +12,10 @@ import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from acquisition import DataError, MissingPathError
-from rig import UnreadableError, check_text, read_bounded, validation_message
+from rig import UnreadableError, read_bounded
 from rig.arrays import Float32
+from rig.files import check_text
+from rig.messages import validation_message
 
 Domain = Literal["detail", "normals"]
 Scale = Literal[2, 4]
@@ -50,7 +52,7 @@ class Deviations:
 
     Examples
     --------
-    >>> from processing import Deviations
+    >>> from processing.superres import Deviations
     >>> Deviations((0.1, 1, 10), (0.2, 1, 5)).corrected_deg([0.05, 1, 40]).round(3)
     array([0.1, 1. , 5. ], dtype=float32)
     """
@@ -192,11 +194,11 @@ def read_superres_model(
 
     Examples
     --------
-    >>> from processing import read_superres_model
+    >>> from processing.superres import read_superres_model
     >>> read_superres_model("superres-x4", 2)
     Traceback (most recent call last):
         ...
-    processing.DataError: the network superres-x4 is for scale 4, not 2: ...
+    acquisition.DataError: the network superres-x4 is for scale 4, not 2: ...
     """
     if scale not in SCALES:
         raise DataError(f"a scale of {scale} is not available: use 2 or 4")

@@ -17,7 +17,7 @@ import cv2
 
 from acquisition import DataError
 from processing.superres.model import SuperResolutionModel, comes_with_program
-from rig import module_command
+from rig.processes import module_command
 
 # The network of the paper's size, with 90 MB, takes 5 s and 1 GB.
 _LIMIT_S: Final = 60

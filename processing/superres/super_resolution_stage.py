@@ -10,7 +10,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from acquisition import DataError, Form, Maps
+from acquisition import DataError
+from acquisition.files import Form, Maps
 from processing.detail.separation import sums_of_rows
 from processing.noise.normal_errors import UNIFORM_DEG
 from processing.stages.stage import Need, NormalRows, Size, Step
@@ -97,7 +98,7 @@ class SuperResolutionStage:
 
         Examples
         --------
-        >>> from processing import SuperResolutionStage
+        >>> from processing.superres import SuperResolutionStage
         >>> SuperResolutionStage.of(4, method="bicubic").method
         'bicubic'
         """

@@ -91,7 +91,8 @@ def axes_notices(normal_map: NormalRows) -> list[Notice]:
     Examples
     --------
     >>> import numpy as np
-    >>> from processing import NormalMap, axes_notices
+    >>> from processing import NormalMap
+    >>> from processing.surface import axes_notices
     >>> y, x = np.mgrid[1:-1:32j, -1:1:32j]
     >>> green_up = NormalMap.from_vectors(np.dstack([x + y, x - y, 0 * x + 4]))  # of a saddle
     >>> green_down = NormalMap(green_up.normals * np.float32([1, -1, 1]), green_up.mask)

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from acquisition import CameraModel, DataError, MapRows, MapToFill
+from acquisition import CameraModel, DataError, MapRows
+from acquisition.files import MapToFill
 from processing.maps.normal_map import check_normal_rows
 from processing.stages.stage import NormalRows, size_of
 from processing.surface.chord_rule import ChordRule
@@ -168,7 +169,8 @@ def curl_notices(curl: NormalCurl, height_map: HeightMap) -> list[Notice]:
     Examples
     --------
     >>> import numpy as np
-    >>> from processing import NormalMap, curl_notices, integrate, normal_curl
+    >>> from processing import NormalMap, integrate, normal_curl
+    >>> from processing.surface import curl_notices
     >>> slope = NormalMap.from_vectors(np.full((30, 30, 3), [-1.0, 0.0, 1.0]))
     >>> curl_notices(normal_curl(slope), integrate(slope))
     []

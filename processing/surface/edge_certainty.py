@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from acquisition import ComputedRows, DataError, MapRows
+from acquisition import DataError, MapRows
+from acquisition.files import ComputedRows
 from rig.arrays import Bool, Float32
 
 # Of normals whose deviations are not known, relative to a prior.

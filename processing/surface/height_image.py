@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from acquisition import ComputedRows, MapRows
+from acquisition import MapRows
+from acquisition.files import ComputedRows
 from processing.surface.height_map import HeightMap
 from rig import check_type, short_repr
 from rig.arrays import Float32, UInt16
@@ -39,7 +40,8 @@ def height_picture(height_map: HeightMap) -> HeightPicture:
     Examples
     --------
     >>> import numpy as np
-    >>> from processing import NormalMap, height_picture, integrate
+    >>> from processing import NormalMap, integrate
+    >>> from processing.surface import height_picture
     >>> y, x = np.mgrid[1:-1:5j, -1:1:5j]
     >>> surface = integrate(NormalMap.from_vectors(np.dstack([x, y, 0 * x + 2])), pixel_mm=0.5)
     >>> picture = height_picture(surface)

@@ -10,7 +10,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from acquisition import CameraModel, MapRows, rows_in_bands
+from acquisition import CameraModel, MapRows
+from acquisition.files import rows_in_bands
 from processing.surface.height_errors import HeightUncertainty
 from processing.surface.jumps import Jumps
 from rig import Notice

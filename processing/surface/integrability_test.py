@@ -86,7 +86,7 @@ def integrability(normals: MapRows, mask: Bool) -> Integrability:
     Examples
     --------
     >>> import numpy as np
-    >>> from processing import integrability
+    >>> from processing.surface import integrability
     >>> y, x = np.mgrid[1:-1:32j, -1:1:32j]
     >>> normals = np.dstack([x + y, x - y, 0 * x + 4])  # of a saddle
     >>> normals = (normals / np.linalg.norm(normals, axis=2, keepdims=True)).astype(np.float32)

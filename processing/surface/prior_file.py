@@ -59,7 +59,7 @@ def read_prior(
     Examples
     --------
     >>> from pathlib import Path
-    >>> from processing import read_prior
+    >>> from processing.surface import read_prior
     >>> _ = Path("points.csv").write_text("x_px,y_px,height_mm\n3,1,0.25\n4,2,0.5\n")
     >>> read_prior("points.csv", (4, 6), unit="mm", sigma=0.01).count
     2

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from acquisition import DataError, MapRows, MapToFill, rows_in_bands
+from acquisition import DataError, MapRows
+from acquisition.files import MapToFill, rows_in_bands
 from processing.maps.normal_map import check_normal_rows
 from processing.stages.stage import NormalRows
 from processing.surface.height_map import HeightMap

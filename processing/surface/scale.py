@@ -7,7 +7,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from acquisition import CameraModel, DataError, MapRows, rows_in_bands
+from acquisition import CameraModel, DataError, MapRows
+from acquisition.files import rows_in_bands
 from calibration import EstimateError
 from rig.arrays import Bool, Float64, Int32
 
@@ -57,14 +58,14 @@ def surface_scale(
 
     Examples
     --------
-    >>> from processing import surface_scale
+    >>> from processing.surface import surface_scale
     >>> from simulator import bench_camera
     >>> surface_scale(None, 0.1)
     ('mm', 0.1)
     >>> surface_scale(bench_camera(), 0.1)
     Traceback (most recent call last):
         ...
-    processing.DataError: a pixel size of 0.1 mm and a camera at 600.0 mm exclude each other: ...
+    acquisition.DataError: a pixel size of 0.1 mm and a camera at 600.0 mm exclude each other: ...
     """
     return scale_of(camera, pixel_mm)[:2]
 

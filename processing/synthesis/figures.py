@@ -117,7 +117,8 @@ def texture_figures(detail: NormalMap, exemplar: NormalMap, *, patch: int = 48) 
     Examples
     --------
     >>> import numpy as np
-    >>> from processing import NormalMap, texture_figures
+    >>> from processing import NormalMap
+    >>> from processing.synthesis import texture_figures
     >>> noise = np.random.default_rng(0).normal(scale=0.2, size=(128, 128, 3))
     >>> rough = NormalMap.from_vectors(noise + [0, 0, 1])
     >>> tiled = NormalMap(np.tile(rough.normals, (2, 2, 1)), np.tile(rough.mask, (2, 2)))

@@ -70,7 +70,8 @@ def efros_leung(
     Examples
     --------
     >>> import numpy as np
-    >>> from processing import NormalMap, efros_leung
+    >>> from processing import NormalMap
+    >>> from processing.synthesis import efros_leung
     >>> noise = np.random.default_rng(0).normal(scale=0.2, size=(24, 24, 3))
     >>> rough = NormalMap.from_vectors(noise + [0, 0, 1])
     >>> efros_leung(rough, (20, 30), patch=5).detail

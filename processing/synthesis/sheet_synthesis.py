@@ -10,7 +10,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from acquisition import DataError, Form, MapRows, Maps, MapToFill
+from acquisition import DataError, MapRows
+from acquisition.files import Form, Maps, MapToFill
 from processing.maps.normal_map import NormalMap, check_normal_map
 from processing.stages.stage import Need, NormalRows, Size, Step, computed
 from processing.synthesis.exemplar import CLASSES
@@ -59,7 +60,9 @@ class SynthesisStage:
     Examples
     --------
     >>> import numpy as np
-    >>> from processing import NormalMap, SynthesisStage, computed
+    >>> from processing import NormalMap
+    >>> from processing.stages import computed
+    >>> from processing.synthesis import SynthesisStage
     >>> noise = np.random.default_rng(0).normal(scale=0.2, size=(64, 64, 3))
     >>> rough = NormalMap.from_vectors(noise + [0, 0, 1])
     >>> computed(SynthesisStage((100, 150), patch=16), rough)["sheet"].shape

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from acquisition import MapRows, MapToFill
+from acquisition import MapRows
+from acquisition.files import MapToFill
 from rig.arrays import Float32, Float64, Int32, UInt8
 
 # Rows of patches of a strip: as many threads can place patches of one diagonal.

@@ -61,8 +61,8 @@ def find_boards(
 
     Examples
     --------
-    >>> from rig import find_boards
-    >>> from simulator import VirtualBoard
+    >>> from rig.board import find_boards
+    >>> from simulator.led_board import VirtualBoard
     >>> with VirtualBoard(leds=4) as board:
     ...     found = find_boards([board.port])
     >>> found[0].identity.leds
@@ -120,8 +120,8 @@ def find_board(
 
     Examples
     --------
-    >>> from rig import find_board
-    >>> from simulator import VirtualBoard
+    >>> from rig.board import find_board
+    >>> from simulator.led_board import VirtualBoard
     >>> with VirtualBoard(leds=4) as board:
     ...     found = find_board([board.port])
     >>> found == board.port

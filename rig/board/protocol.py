@@ -85,7 +85,7 @@ def crc16(data: bytes) -> int:
 
     Examples
     --------
-    >>> from rig import crc16
+    >>> from rig.board import crc16
     >>> hex(crc16(b"123456789"))
     '0x29b1'
     """
@@ -97,7 +97,7 @@ def encode_command(command: Command) -> bytes:
 
     Examples
     --------
-    >>> from rig import Command, encode_command
+    >>> from rig.board import Command, encode_command
     >>> encode_command(Command(7, "ON", ("3",)))
     b'>0007 ON 3*CD74\n'
     """
@@ -109,7 +109,7 @@ def encode_reply(reply: Reply) -> bytes:
 
     Examples
     --------
-    >>> from rig import Reply, encode_reply
+    >>> from rig.board import Reply, encode_reply
     >>> encode_reply(Reply(7, "ON", ("3",)))
     b'<0007 OK ON 3*62C1\n'
     """
@@ -127,7 +127,7 @@ def decode_command(line: bytes) -> Command:
 
     Examples
     --------
-    >>> from rig import Command, decode_command, encode_command
+    >>> from rig.board import Command, decode_command, encode_command
     >>> line = encode_command(Command(7, "ON", ("3",)))
     >>> decode_command(line.strip())
     Command(seq=7, verb='ON', args=('3',))
@@ -146,7 +146,7 @@ def decode_reply(line: bytes) -> Reply:
 
     Examples
     --------
-    >>> from rig import Reply, decode_reply, encode_reply
+    >>> from rig.board import Reply, decode_reply, encode_reply
     >>> line = encode_reply(Reply(7, "ON", ("3",)))
     >>> decode_reply(line.strip())
     Reply(seq=7, verb='ON', args=('3',), error=None)

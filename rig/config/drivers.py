@@ -15,7 +15,7 @@ def rig_names() -> tuple[str, ...]:
 
     Examples
     --------
-    >>> from rig import rig_names
+    >>> from rig.config import rig_names
     >>> "simulated" in rig_names()
     True
     """
@@ -38,7 +38,7 @@ def find_rig_file(name_or_path: str) -> Path | None:
     Examples
     --------
     >>> from pathlib import Path
-    >>> from rig import find_rig_file
+    >>> from rig.config import find_rig_file
     >>> _ = Path("desk.toml").write_text('name = "desk"\ndriver = "simulated"\nleds = 4\n')
     >>> find_rig_file("desk.toml").name
     'desk.toml'

@@ -113,7 +113,8 @@ def files_read() -> Iterator[Mapping[Path, FileStatus]]:
     Examples
     --------
     >>> from pathlib import Path
-    >>> from rig import files_read, read_bounded
+    >>> from rig import read_bounded
+    >>> from rig.files import files_read
     >>> _ = Path("notes.txt").write_text("owl")
     >>> with files_read() as found:
     ...     _ = read_bounded(Path("notes.txt"))
@@ -134,7 +135,7 @@ def note_read(path: Path, descriptor: int) -> os.stat_result:
     Examples
     --------
     >>> from pathlib import Path
-    >>> from rig import note_read
+    >>> from rig.files import note_read
     >>> _ = Path("notes.txt").write_text("owl")
     >>> with Path("notes.txt").open("rb") as file:
     ...     note_read(Path("notes.txt"), file.fileno()).st_size
@@ -152,7 +153,7 @@ def status_when_read(path: Path) -> FileStatus | None:
     Examples
     --------
     >>> from pathlib import Path
-    >>> from rig import status_when_read
+    >>> from rig.files import status_when_read
     >>> status_when_read(Path("notes.txt")) is None
     True
     """
@@ -200,7 +201,7 @@ def read_head(path: Path, count: int) -> tuple[bytes, int]:
     Examples
     --------
     >>> from pathlib import Path
-    >>> from rig import read_head
+    >>> from rig.files import read_head
     >>> _ = Path("notes.txt").write_text("an owl")
     >>> read_head(Path("notes.txt"), 2)
     (b'an', 6)
@@ -238,7 +239,7 @@ def check_text(text: str) -> None:
 
     Examples
     --------
-    >>> from rig import check_text
+    >>> from rig.files import check_text
     >>> check_text("leds = [[0, 1], [2, 3]]")
     >>> check_text("[" * 10_000)
     Traceback (most recent call last):
@@ -279,7 +280,7 @@ def parse_toml(data: bytes) -> dict[str, Any]:
 
     Examples
     --------
-    >>> from rig import parse_toml
+    >>> from rig.files import parse_toml
     >>> parse_toml(b"leds = 36")
     {'leds': 36}
     """
@@ -294,7 +295,7 @@ def parse_json(data: bytes | str) -> Any:
 
     Examples
     --------
-    >>> from rig import parse_json
+    >>> from rig.files import parse_json
     >>> parse_json('{"leds": 36}')
     {'leds': 36}
     """
@@ -327,7 +328,7 @@ def check_pixels(
 
     Examples
     --------
-    >>> from rig import check_pixels
+    >>> from rig.files import check_pixels
     >>> check_pixels(640, 480, 24, file_bytes=300_000)
     >>> check_pixels(60_000, 60_000, 24, file_bytes=300_000)
     Traceback (most recent call last):
@@ -364,7 +365,7 @@ def convert_parser_errors(what: str, *own: type[Exception]) -> Iterator[None]:
 
     Examples
     --------
-    >>> from rig import convert_parser_errors
+    >>> from rig.files import convert_parser_errors
     >>> with convert_parser_errors("is not a list of numbers"):
     ...     [int(word) for word in "1 2 x".split()]
     Traceback (most recent call last):

@@ -147,7 +147,7 @@ def find_cameras(ctis: Sequence[str | Path]) -> tuple[FoundCamera, ...]:
 
     Examples
     --------
-    >>> from rig import find_cameras
+    >>> from rig.genicam import find_cameras
     >>> find_cameras([])
     ()
     """

@@ -36,7 +36,7 @@ def kernel_folder() -> Path | None:
 
     Examples
     --------
-    >>> from rig import kernel_folder
+    >>> from rig.kernels import kernel_folder
     >>> kernel_folder() is None
     False
     """

@@ -22,7 +22,7 @@ def private_folder() -> Path | None:
 
     Examples
     --------
-    >>> from rig import private_folder
+    >>> from rig.kernels import private_folder
     >>> folder = private_folder()
     >>> folder is None or folder.is_dir()
     True
@@ -57,7 +57,7 @@ class KernelWatch:
 
     Examples
     --------
-    >>> from rig import KernelWatch
+    >>> from rig.kernels import KernelWatch
     >>> KernelWatch().compiling(1)
     """
 
@@ -79,7 +79,7 @@ def watch_kernels(watch: KernelWatch) -> None:
 
     Examples
     --------
-    >>> from rig import KernelWatch, watch_kernels
+    >>> from rig.kernels import KernelWatch, watch_kernels
     >>> watch_kernels(KernelWatch())
     """
     _State.watch = watch

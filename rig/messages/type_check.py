@@ -47,7 +47,7 @@ def check_led(led: object) -> None:
 
     Examples
     --------
-    >>> from rig import check_led
+    >>> from rig.messages import check_led
     >>> check_led(7)
     >>> check_led(True)
     Traceback (most recent call last):

@@ -34,7 +34,7 @@ def validation_message(
     Examples
     --------
     >>> from pydantic import BaseModel, ValidationError
-    >>> from rig import validation_message
+    >>> from rig.messages import validation_message
     >>> class Lamp(BaseModel):
     ...     watts: float
     >>> try:

@@ -37,7 +37,7 @@ def module_command(module: str, *arguments: object) -> list[str]:
 
     Examples
     --------
-    >>> from rig import module_command
+    >>> from rig.processes import module_command
     >>> module_command("simulator.board", "--leds", 4)[-2:]
     ['--leds', '4']
     """

@@ -31,7 +31,7 @@ def memory_of_computer() -> tuple[int | None, int | None]:
 
     Examples
     --------
-    >>> from rig import memory_of_computer
+    >>> from rig.processes import memory_of_computer
     >>> total, available = memory_of_computer()
     """
     if not hasattr(os, "sysconf"):
@@ -74,7 +74,7 @@ def memory_size(text: str) -> int:
 
     Examples
     --------
-    >>> from rig import memory_size
+    >>> from rig.processes import memory_size
     >>> memory_size("1.5G"), memory_size("500MB")
     (1610612736, 500000000)
     """
@@ -94,7 +94,7 @@ def memory_budget(asked: int | None = None) -> int:
 
     Examples
     --------
-    >>> from rig import memory_budget
+    >>> from rig.processes import memory_budget
     >>> memory_budget(3_000_000_000)
     3000000000
     """

@@ -64,7 +64,7 @@ def open_board(name_or_path: str) -> OpenBoard:
     Examples
     --------
     >>> from pathlib import Path
-    >>> from rig import open_board
+    >>> from rig.rigs import open_board
     >>> options = "[options]\nwidth = 64\nheight = 52\n"
     >>> desk = 'name = "desk"\ndriver = "simulated"\nleds = 4\n'
     >>> _ = Path("desk.toml").write_text(desk + options)

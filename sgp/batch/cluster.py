@@ -175,7 +175,7 @@ def _checked(client: Client, address: str, folder: Path) -> int:
     finally:
         with suppress(OSError):
             token.unlink()
-    here = acquisition.software_version()
+    here = acquisition.files.software_version()
     for name, answer in answers.items():
         if isinstance(answer, BaseException):
             raise ClusterError(f"{name}: this worker cannot run sgp: {answer}")
@@ -196,7 +196,7 @@ def _probe(token: str) -> tuple[str, bool]:
         seen = path.read_bytes() == path.name.encode() and os.access(path.parent, os.W_OK)
     except OSError:
         seen = False
-    return acquisition.software_version(), seen
+    return acquisition.files.software_version(), seen
 
 
 def _lost(error: Any) -> Outcome:

@@ -52,7 +52,7 @@ def read_recipe(path: Path) -> Recipe:
         If it is not TOML, has an unknown table, or an option that the batch itself gives.
     """
     try:
-        content = rig.parse_toml(rig.read_bounded(path))
+        content = rig.files.parse_toml(rig.read_bounded(path))
     except FileNotFoundError as error:
         raise acquisition.missing_path(path) from error
     except rig.UnreadableError as error:

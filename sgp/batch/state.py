@@ -116,7 +116,7 @@ class States:
 
     def unusable(self, name: str) -> str | None:
         """Return why the disk takes no state of a source of this name; None if it does."""
-        part = acquisition.part_path(self.path(name))
+        part = acquisition.files.part_path(self.path(name))
         try:
             os.close(os.open(part, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
         except OSError as error:
@@ -136,7 +136,7 @@ def state_of(task: Task, outcome: Outcome) -> State:
         version=VERSION,
         source=str(task.source),
         lines=task.lines(),
-        software=acquisition.software_version(),
+        software=acquisition.files.software_version(),
         **vars(outcome),
     )
 
@@ -167,7 +167,7 @@ def reason_to_run(task: Task, states: Mapping[str, State]) -> str | None:
         return "failed before"
     if state.lines != task.lines():
         return "other options"
-    if state.software != acquisition.software_version():
+    if state.software != acquisition.files.software_version():
         return f"computed by version {state.software}"
     missing = [name for name in state.outputs if not os.path.isfile(name)]
     if missing:
@@ -197,5 +197,5 @@ def batch_folder(out: Path) -> Iterator[States]:
     other = f"another batch is writing into {out}: wait until it has ended, or choose another --out"
     with locked(states.folder, other):
         for folder in (out, states.folder):
-            acquisition.remove_part_files(folder)
+            acquisition.files.remove_part_files(folder)
         yield states

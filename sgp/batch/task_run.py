@@ -152,7 +152,7 @@ def _claimed(path: Path) -> Iterator[None]:
                     return
             raise _TakenOver("another worker has begun this recording again: this one ends")
 
-        with redirect_stderr(log), acquisition.publishing_if(check):
+        with redirect_stderr(log), acquisition.files.publishing_if(check):
             yield
 
 

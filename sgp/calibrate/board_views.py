@@ -34,7 +34,7 @@ class FoundViews:
         Notices of the sources, and one for each image that was not used.
     """
 
-    views: list[calibration.BoardView] = field(default_factory=list)
+    views: list[calibration.camera.BoardView] = field(default_factory=list)
     images: int = 0
     sources: list[acquisition.Source] = field(default_factory=list)
     files: list[Path] = field(default_factory=list)
@@ -82,7 +82,7 @@ def find_views(
 
 def mean_image(source: acquisition.Source, frames: Sequence[acquisition.Frame]) -> Float32:
     """Return the mean of frames as gray values that are proportional to light."""
-    linear = acquisition.Linearizer(source)
+    linear = acquisition.source.Linearizer(source)
     total = None
     for signal in _grays(source, linear, frames):
         total = signal if total is None else total + signal
@@ -93,11 +93,11 @@ def mean_image(source: acquisition.Source, frames: Sequence[acquisition.Frame]) 
 
 def _grays(
     source: acquisition.Source,
-    linear: acquisition.Linearizer,
+    linear: acquisition.source.Linearizer,
     frames: Sequence[acquisition.Frame],
 ) -> Iterator[Float32]:
     for frame in frames:
         signal = linear.signal(frame)
         if source.cfa is not None:
-            signal = calibration.demosaic(signal, source.cfa)
-        yield calibration.luma(signal) if signal.ndim == 3 else signal
+            signal = calibration.radiance.demosaic(signal, source.cfa)
+        yield calibration.radiance.luma(signal) if signal.ndim == 3 else signal

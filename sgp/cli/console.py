@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, ClassVar, Self, TypeVar
 
-from rig import KernelWatch
+from rig.kernels import KernelWatch
 from sgp.cli.terminal import STDERR, fitted, printable
 
 if TYPE_CHECKING:

@@ -56,7 +56,7 @@ def exit_code(error: BaseException) -> int:
 def error_text(error: BaseException) -> str:
     """Return one line that says what went wrong, where, and what to do about it."""
     if isinstance(error, OSError) and not isinstance(error, tuple(kind for kind, _ in _CODES)):
-        return str(acquisition.storage_error(Path(error.filename or "."), "use it", error))
+        return str(acquisition.files.storage_error(Path(error.filename or "."), "use it", error))
     if exit_code(error) == FAULT:
         return f"{type(error).__name__}: {error} (an error in this program: see --debug)"
     return str(error)

@@ -16,7 +16,8 @@ from cyclopts.validators import Number
 
 import acquisition
 import processing
-from rig import MAX_PIXELS, memory_size
+from rig import MAX_PIXELS
+from rig.processes import memory_size
 from sgp.cli.exit import UsageError
 
 
@@ -140,7 +141,7 @@ Quality = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte
 Leds = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte=4096))]
 Pixels = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte=10**12))]
 Positive = Annotated[float, Parameter(converter=_real, validator=Number(gt=0, lte=1e6))]
-# The range of `processing.curvature`.
+# The range of `processing.curvatures.curvature`.
 FitScale = Annotated[float, Parameter(converter=_real, validator=Number(gte=0.3, lte=100))]
 # One day; the camera checks its own range.
 Microseconds = Annotated[float, Parameter(converter=_real, validator=Number(gt=0, lte=8.64e10))]
@@ -258,16 +259,16 @@ class SourceOptions(RecordingOptions):
     """
 
     method: processing.Method = "best"
-    channel: processing.StereoChannel = "gray"
+    channel: processing.stereo.StereoChannel = "gray"
     height_mm: Millimetres | None = None
     rests_on_plane: bool = False
     semi_calibrated: bool = False
 
-    def stage(self, pixel_mm: float | None = None) -> processing.NormalsStage:
+    def stage(self, pixel_mm: float | None = None) -> processing.recording.NormalsStage:
         """Return the computation of normals with these options, and the size of a pixel."""
-        named = (field.name for field in fields(processing.NormalsStage))
+        named = (field.name for field in fields(processing.recording.NormalsStage))
         stated = {name: getattr(self, name) for name in named if name != "pixel_mm"}
-        return processing.NormalsStage(pixel_mm=pixel_mm, **stated)
+        return processing.recording.NormalsStage(pixel_mm=pixel_mm, **stated)
 
 
 def require_inputs(command: Callable[..., object], arguments: Mapping[str, object]) -> None:
@@ -333,7 +334,7 @@ def transfer_of(gamma: str) -> acquisition.TransferCurve | None:
         case "srgb":
             return acquisition.SRGB
     if transfer_files(gamma):
-        return acquisition.read_transfer(gamma)
+        return acquisition.value_files.read_transfer(gamma)
     return acquisition.TransferCurve.power(float(gamma))
 
 
@@ -377,7 +378,7 @@ def led_list(option: str, text: str) -> tuple[int, ...]:
             f"{option} {alone}-{alone} for LED {alone}"
         )
     try:
-        leds = acquisition.led_numbers(text)
+        leds = acquisition.plan.led_numbers(text)
     except ValueError as error:
         raise UsageError(f"{option}: {error}") from error
     twice = next((led for led, count in Counter(leds).items() if count > 1), None)
@@ -400,9 +401,7 @@ def image_size(option: str, text: str) -> tuple[int, int]:
             f"{option} {_short(text)}: give width and height in pixels, for example 640x512"
         )
     width, height = int(match[1]), int(match[2])
-    if width * height > processing.MAX_PROJECTED_PIXELS:
-        raise UsageError(
-            f"{option} {text}: the maximum is {processing.MAX_PROJECTED_PIXELS // 10**6} million "
-            "pixels"
-        )
+    if width * height > processing.projection.MAX_PROJECTED_PIXELS:
+        most = processing.projection.MAX_PROJECTED_PIXELS // 10**6
+        raise UsageError(f"{option} {text}: the maximum is {most} million pixels")
     return width, height

@@ -127,11 +127,11 @@ def spheres(
         exclude=named(exclude),
         max_pixels=max_pixels,
     )
-    calibration.check_recordings([one.source for one in recordings])
+    calibration.spheres.check_recordings([one.source for one in recordings])
     first = recordings[0].source
     places_mm = led_positions(rig, first.setup.rig)
     candidates = out.with_name(f"{out.stem}-candidates.png")
-    estimate = calibration.record_setup(
+    estimate = calibration.spheres.record_setup(
         _estimate(recordings, radius_mm, places_mm, candidates),
         *[one.source for one in recordings],
     )
@@ -177,7 +177,7 @@ class _Recording:
         return stack
 
     def mask_images(self) -> list[Float64]:
-        return [acquisition.read_mask_shares(path, self.source.size) for path in self.masks]
+        return [acquisition.pixels.read_mask_shares(path, self.source.size) for path in self.masks]
 
 
 def _open(
@@ -264,7 +264,9 @@ def _draw_candidates(
     """
     candidates = [
         candidate
-        for candidate in calibration.sphere_candidates(stack, camera=recording.source.camera)
+        for candidate in calibration.spheres.sphere_candidates(
+            stack, camera=recording.source.camera
+        )
         if not any(_within(candidate.circle_px, sphere) for sphere in error.spheres)
     ]
     if not candidates or (error.spheres and not candidates[0].lights):

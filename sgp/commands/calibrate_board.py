@@ -61,7 +61,7 @@ def board(
     columns, rows = squares_of(squares)
     chosen = calibration.CharucoBoard(columns, rows, square_mm, marker_mm, dictionary)
     write_board_page(out, chosen, paper)
-    calibration.write_board(sidecar, chosen)
+    calibration.camera.write_board(sidecar, chosen)
     width, height = chosen.size_mm
     return Result(
         outputs={"page": out, "board": sidecar},

@@ -113,7 +113,7 @@ def camera(
         *estimate.warnings,
         *(() if plane is None else plane.warnings),
         *_scale_notices(plane, sheet, working_distance_mm, stated),
-        *[n for one in found.sources[:1] for n in acquisition.lens_notices(one, model)],
+        *[n for one in found.sources[:1] for n in acquisition.source.lens_notices(one, model)],
     ]
     result.inputs = [*([board] if board else []), *found.files, *plane_files]
     _write(claim_folder(out, _RECORD), model, estimate, result, {"source": source, "board": sheet})
@@ -138,17 +138,17 @@ def _plane(
     height_mm: float,
     gamma: str,
     max_pixels: int,
-) -> tuple[calibration.WorkingPlane | None, list[Path]]:
+) -> tuple[calibration.camera.WorkingPlane | None, list[Path]]:
     if path is None:
         return None, []
     source, files = open_source(path, gamma=gamma, max_pixels=max_pixels)
     frames = [frame for frame in source.frames if frame.role == "light"]
     view = calibration.find_board(mean_image(source, frames), board, str(path))
-    return calibration.find_working_plane(estimate, view, height_mm=height_mm), files
+    return calibration.camera.find_working_plane(estimate, view, height_mm=height_mm), files
 
 
 def _scale_notices(
-    plane: calibration.WorkingPlane | None,
+    plane: calibration.camera.WorkingPlane | None,
     board: calibration.CharucoBoard,
     given_mm: float | None,
     stated: acquisition.CameraModel | None,
@@ -170,7 +170,7 @@ def _scale_notices(
 def _described(
     estimate: calibration.CameraCalibration,
     found: FoundViews,
-    plane: calibration.WorkingPlane | None,
+    plane: calibration.camera.WorkingPlane | None,
 ) -> Result:
     K, sigma = estimate.camera.K, estimate.sigma
     used = [one for one in estimate.views if one.used]

@@ -20,7 +20,7 @@ from sgp.rigs.rig_lights import rig_with_positions
 _SHOWN = 12
 _LONGEST_ID = 14
 _NO_FACTOR = 5e-5
-# Lights that contradict a rig file; the code is that of `calibration.compare_with_rig`.
+# Lights that contradict a rig file; the code is that of `calibration.comparison.compare_with_rig`.
 _CONTRADICTION = "lights-changed"
 
 
@@ -73,7 +73,7 @@ def check(
         config = rig_with_positions(rig)
         first = acquisition.read_lights(a)
         stated = first.warnings
-        compared = calibration.compare_with_rig(first, config)
+        compared = calibration.comparison.compare_with_rig(first, config)
         inputs, title = [a], f"against the rig {config.name}"
         equal = []
     else:

@@ -88,7 +88,7 @@ def flat(
     folder = claim_folder(out, "flat.json")
     picture = folder / "flat.png"
     _draw(picture, sources[0], found.flat)
-    acquisition.write_flat(
+    acquisition.value_files.write_flat(
         folder, found.flat, outputs={"picture": picture.name}, provenance=made_by
     )
     result.outputs = {
@@ -100,7 +100,7 @@ def flat(
     return result
 
 
-def _metrics(found: calibration.FlatCalibration) -> FlatMetrics:
+def _metrics(found: calibration.flat.FlatCalibration) -> FlatMetrics:
     flat = found.flat
     smooth = flat.smooth if flat.smooth.ndim == 2 else flat.smooth.mean(axis=2)
     corners = smooth[[0, 0, -1, -1], [0, -1, 0, -1]].tolist()
@@ -108,7 +108,7 @@ def _metrics(found: calibration.FlatCalibration) -> FlatMetrics:
     return figures_of(FlatMetrics, found, flat, corners=corners, pixel_std=noise, lights=lights)
 
 
-def _lines(found: calibration.FlatCalibration) -> list[str]:
+def _lines(found: calibration.flat.FlatCalibration) -> list[str]:
     """Return the block for the terminal: what was found, and how sure."""
     figures = _metrics(found)
     corners = figures["corners"]

@@ -156,7 +156,7 @@ def intensities(
         files += read
         warnings += [
             *opened.warnings,
-            *acquisition.setup_notices(replace(opened, lights=positions)),
+            *acquisition.source.setup_notices(replace(opened, lights=positions)),
             *stack.warnings,
         ]
         curves.append(opened.transfer.record())
@@ -173,7 +173,9 @@ def intensities(
     return result
 
 
-def _metrics(estimate: calibration.IntensityCalibration, channel: str) -> IntensitiesMetrics:
+def _metrics(
+    estimate: calibration.intensities.IntensityCalibration, channel: str
+) -> IntensitiesMetrics:
     lights, errors = estimate.lights, estimate.lights.errors or acquisition.LightErrors()
     strength = np.asarray(lights.intensities)
     metrics: IntensitiesMetrics = {
@@ -198,7 +200,7 @@ def _metrics(estimate: calibration.IntensityCalibration, channel: str) -> Intens
     return metrics
 
 
-def _lines(estimate: calibration.IntensityCalibration) -> list[str]:
+def _lines(estimate: calibration.intensities.IntensityCalibration) -> list[str]:
     """Return the block for the terminal: what was found, how sure, and what is shared."""
     lights, errors = estimate.lights, estimate.lights.errors or acquisition.LightErrors()
     strength, mu = np.asarray(lights.intensities), np.asarray(lights.mu)

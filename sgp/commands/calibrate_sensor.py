@@ -64,11 +64,11 @@ def sensor(
     made_by |= {"warnings": [*map(str, result.warnings)]}
     claim_folder(out, _RECORD)
     _draw(result.outputs["picture"], opened[0], estimate)
-    acquisition.write_sensor(result.outputs["sensor"], estimate.sensor, made_by)
+    acquisition.value_files.write_sensor(result.outputs["sensor"], estimate.sensor, made_by)
     return result
 
 
-def _metrics(estimate: calibration.SensorCalibration) -> dict[str, Any]:
+def _metrics(estimate: calibration.sensor.SensorCalibration) -> dict[str, Any]:
     """Return the figures of `SensorMetrics`."""
     measured = estimate.sensor
     figures: dict[str, Any] = {}
@@ -85,7 +85,7 @@ def _metrics(estimate: calibration.SensorCalibration) -> dict[str, Any]:
     }
 
 
-def _lines(estimate: calibration.SensorCalibration) -> list[str]:
+def _lines(estimate: calibration.sensor.SensorCalibration) -> list[str]:
     """Return the table for the terminal."""
     measured = estimate.sensor
     limit = f", limited by the {measured.full_well_limit}" if measured.full_well_limit else ""
@@ -120,7 +120,9 @@ def _lines(estimate: calibration.SensorCalibration) -> list[str]:
     return lines
 
 
-def _draw(path: Path, source: acquisition.Source, estimate: calibration.SensorCalibration) -> None:
+def _draw(
+    path: Path, source: acquisition.Source, estimate: calibration.sensor.SensorCalibration
+) -> None:
     from sgp.pictures.sensor import sensor_panels
     from sgp.pictures.sheet import source_title, write_overview
 

@@ -104,10 +104,10 @@ def run(
             text = f"LED {', '.join(map(str, left_out))} skipped: listed in dead_leds"
             prepared.warnings.append(rigs.Notice("leds-skipped", text, severity="info"))
         if measured is not None:
-            prepared.warnings += acquisition.sensor_notices(
+            prepared.warnings += acquisition.source.sensor_notices(
                 measured, _setup(opened), chosen.gain_db
             )
-        tested: bool | acquisition.Check = True
+        tested: bool | acquisition.preflights.Check = True
         if goal is not None:
             if not skip_check:  # metering swapped LEDs would waste minutes
                 note("checking the wiring of the LEDs (--skip-check skips this)")
@@ -116,11 +116,11 @@ def run(
         if not skip_check:
             note("checking disk, rig and picture (--skip-check skips this)")
             with Stages() as progress:
-                flight = acquisition.preflight(
+                flight = acquisition.preflights.preflight(
                     opened, chosen, out, self_test=tested, on_progress=progress
                 )
             accept(flight, prepared)
-        prepared.warnings += acquisition.camera_notices(opened, out)
+        prepared.warnings += acquisition.engine.camera_notices(opened, out)
         for warning in prepared.warnings:
             note(f"note: {warning}")
         with CaptureTalk(ResumeCommand(out, rig_name, skip_check)) as talk:
@@ -191,7 +191,9 @@ def resume(
         done = rigs.Notice("already-complete", f"already complete: {nothing}", severity="info")
         return describe(begun, [*begun.warnings, done])
     with rigs.open_rig(rig_name) as opened:
-        _, recorded, missing = acquisition.check_resume(opened, session, asked, damaged=damaged)
+        _, recorded, missing = acquisition.engine.check_resume(
+            opened, session, asked, damaged=damaged
+        )
         if dry_run:
             return rehearsed(opened, recorded, missing)
         if begun.lost_lines:
@@ -200,11 +202,11 @@ def resume(
         if not skip_check:
             alive, _ = recorded.without(opened.config.dead_leds)
             with Stages() as progress:
-                flight = acquisition.preflight_resume(
+                flight = acquisition.preflights.preflight_resume(
                     opened, alive, session, len(missing), on_progress=progress
                 )
             accept(flight, prepared)
-        prepared.warnings += acquisition.camera_notices(opened, session)
+        prepared.warnings += acquisition.engine.camera_notices(opened, session)
         # An operator who resumes with only flats missing has placed the card; this does not hold
         # for damaged flats.
         only_flats = bool(missing) and all(shot.role == "flat" for shot in missing) and not damaged
@@ -227,12 +229,12 @@ def resume(
 def _measured_sensor(option: Path | None, rig_name: str) -> acquisition.MeasuredSensor | None:
     """Return the sensor of the option, or else that of the rig file, if it names one."""
     if option is not None:
-        return acquisition.read_sensor(option)
+        return acquisition.value_files.read_sensor(option)
     configured = rigs.find_rig_config(rig_name).sensor
     if configured is None:
         return None
     try:
-        return acquisition.read_sensor(configured)
+        return acquisition.value_files.read_sensor(configured)
     except (acquisition.DataError, acquisition.MissingPathError) as error:
         error.add_note(f"`sensor` in {rig_name} names it")
         raise
@@ -260,10 +262,10 @@ def _check_plan(session: acquisition.Session, asked: acquisition.CapturePlan | N
         )
 
 
-def _damaged(session: Path) -> tuple[acquisition.Damage, ...]:
+def _damaged(session: Path) -> tuple[acquisition.session.Damage, ...]:
     """Verify every frame, and report those that are damaged."""
     with Stages() as progress:
-        damages = acquisition.damaged_frames(session, on_progress=progress)
+        damages = acquisition.session.damaged_frames(session, on_progress=progress)
     for damage in damages:
         note(f"damaged: {damage.text}")
     return damages

@@ -55,7 +55,7 @@ def compact(session: Input) -> Result:
         Folder of the session.
     """
     with Stages() as progress:
-        done = acquisition.compact_session(session, on_progress=progress)
+        done = acquisition.session.compact_session(session, on_progress=progress)
     ratio = done.bytes_before / max(done.bytes_after, 1)
     kept = "" if done.complete else ", the session is still incomplete"
     return Result(
@@ -123,7 +123,7 @@ def export(
     """
     given = None if lights is None else given_lights(lights, [session])
     chosen = None if given is None else given.lights
-    prepared = acquisition.prepare_export(
+    prepared = acquisition.exports.prepare_export(
         session, layout, values=values, bracket=bracket, lights=chosen, mask_path=mask
     )
     with Stages() as progress:
@@ -269,7 +269,7 @@ def import_(
     def opened_with(
         lights: acquisition.Lights | None = None, camera: acquisition.CameraModel | None = None
     ) -> acquisition.Source:
-        return acquisition.read_import(
+        return acquisition.imports.read_import(
             source,
             lights=lights,
             camera=camera,
@@ -284,12 +284,12 @@ def import_(
         if working_distance_mm is not None:
             model = replace(model, working_distance_mm=working_distance_mm)
     near = None
-    if lights not in (None, RIG_LIGHTS) and acquisition.is_near_lights(lights):
+    if lights not in (None, RIG_LIGHTS) and acquisition.value_files.is_near_lights(lights):
         distance = None if model is None else model.working_distance_mm
         if distance is None and light_axes != "house":
             missing = "--camera" if model is None else "--working-distance-mm"
             raise UsageError(f"{lights}: near lights in the camera's axes: add {missing}")
-        near = acquisition.read_near_lights(lights, model, axes=light_axes)
+        near = acquisition.value_files.read_near_lights(lights, model, axes=light_axes)
     elif light_axes is not None:
         raise UsageError("--light-axes requires a calibration of near lights as --lights")
     chosen = None if lights is None or near else given_lights(lights).lights
@@ -313,7 +313,7 @@ def _watch(
     *,
     gaps: bool,
     timeout_s: float,
-) -> acquisition.Watch:
+) -> acquisition.imports.Watch:
     if (leds is None) == (plan is None):
         raise UsageError(
             "--watch requires either --leds, --led-count or --plan, which give the shots"
@@ -321,13 +321,13 @@ def _watch(
     if interval_s is not None and not gaps:
         raise UsageError("--no-gaps ignores the time between images: leave out --interval-s")
     chosen = None if plan is None else acquisition.read_plan(plan)
-    shots: tuple[acquisition.PlannedShot, ...]
-    shots = acquisition.lights_in_order(leds or 0) if chosen is None else chosen.shots()
-    return acquisition.Watch(source, shots, chosen, interval_s, gaps, timeout_s)
+    shots: tuple[acquisition.plan.PlannedShot, ...]
+    shots = acquisition.imports.lights_in_order(leds or 0) if chosen is None else chosen.shots()
+    return acquisition.imports.Watch(source, shots, chosen, interval_s, gaps, timeout_s)
 
 
 def _import_watched(
-    watch: acquisition.Watch, out: Path, lights: Path | None, labels: acquisition.Labels
+    watch: acquisition.imports.Watch, out: Path, lights: Path | None, labels: acquisition.Labels
 ) -> Result:
     if not (out / "session.toml").is_file():
         check_folder(out)

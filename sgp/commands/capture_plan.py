@@ -81,9 +81,9 @@ def plan(
         config = rigs.find_rig_config(chosen_rig(rig))
     chosen, left_out = chosen_plan(plan, config, numbers)
     frame_s = (frame_ms + config.settle_ms) / 1000
-    cost = acquisition.estimate_plan(chosen, width=columns, height=rows, frame_s=frame_s)
+    cost = acquisition.plan.estimate_plan(chosen, width=columns, height=rows, frame_s=frame_s)
     metered = {
-        meter: acquisition.estimate_metered(
+        meter: acquisition.metering.estimate_metered(
             chosen, each=meter == "each", width=columns, height=rows, frame_s=frame_s
         )
         for meter in ("each", "one")
@@ -158,7 +158,7 @@ def check(
     name = chosen_rig(rig)
     with rigs.open_rig(name) as opened, Stages() as progress:
         chosen, left_out = chosen_plan(plan, opened.config)
-        flight = acquisition.preflight(
+        flight = acquisition.preflights.preflight(
             opened,
             chosen,
             out,
@@ -183,12 +183,14 @@ def check(
 
 
 def _metered_disk(
-    rig: rigs.Rig, plan: acquisition.CapturePlan, flight: acquisition.Preflight
+    rig: rigs.Rig, plan: acquisition.CapturePlan, flight: acquisition.preflights.Preflight
 ) -> list[rigs.Notice]:
     """Return a notice if the disk has room for the plan, but maybe not after metering."""
     free, needed = (flight.checks[0].values.get(name) for name in ("free_bytes", "needed_bytes"))
     info = rig.camera.info
-    most, _ = acquisition.estimate_metered(plan, each=True, width=info.width, height=info.height)
+    most, _ = acquisition.metering.estimate_metered(
+        plan, each=True, width=info.width, height=info.height
+    )
     if not isinstance(free, int) or not isinstance(needed, int):
         return []
     if not needed <= free < _ROOM * most.bytes:

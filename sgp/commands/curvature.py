@@ -75,7 +75,7 @@ def curvature(
     if mask is not None:
         inside = acquisition.read_mask(mask, normal_map.size) & normal_map.mask
         normal_map = processing.NormalMap.from_vectors(normal_map.normals, inside)
-    found = processing.curvature(
+    found = processing.curvatures.curvature(
         normal_map,
         camera=None if camera is None else acquisition.read_camera(camera, normal_map.size),
         pixel_mm=pixel_mm,
@@ -117,7 +117,7 @@ def curvature(
     return result
 
 
-def _metrics(found: processing.Curvature) -> CurvatureMetrics:
+def _metrics(found: processing.curvatures.Curvature) -> CurvatureMetrics:
     mean = found.mean[found.mask].astype(np.float64)
     return {
         "unit": found.unit,

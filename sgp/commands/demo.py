@@ -156,7 +156,7 @@ def _calibrate(
     camera = simulator.bench_camera()
     radii = [sphere.radius_mm for sphere in scene.spheres]
     estimate = calibration.calibrate_spheres(stack, camera=camera, radius_mm=radii)
-    estimate = calibration.record_setup(estimate, source)
+    estimate = calibration.spheres.record_setup(estimate, source)
     card = calibration.MatteSurface.card(stack.values, camera)
     strong = calibration.calibrate_intensities(card, estimate.lights)
     brightest = np.nan_to_num(np.maximum.reduce(stack.values), nan=1.0)
@@ -172,7 +172,7 @@ class _Errors:
         truth = rendering.truth
         calibrated = np.asarray(lights.positions_mm)
         true = np.asarray(truth.lights.positions_mm)
-        self.light_deg = processing.angle_deg(calibrated, true)
+        self.light_deg = acquisition.angle_deg(calibrated, true)
         self.light_mm = np.linalg.norm(calibrated - true, axis=1)
         strength, true_strength = (
             intensities.mean(axis=1) / intensities.mean()

@@ -102,7 +102,7 @@ def fill(
     return result
 
 
-def _measure(filled: processing.FilledHoles, result: Result) -> None:
+def _measure(filled: processing.synthesis.FilledHoles, result: Result) -> None:
     seam = filled.seam
     metrics = figures_of(
         FillMetrics,
@@ -123,7 +123,7 @@ def _measure(filled: processing.FilledHoles, result: Result) -> None:
 
 
 def _write_picture(
-    path: Path, title: str, filled: processing.FilledHoles, given: processing.NormalMap
+    path: Path, title: str, filled: processing.synthesis.FilledHoles, given: processing.NormalMap
 ) -> None:
     """Draw the map with its holes, without them, and its detail."""
     crop = Crop.around(filled.normal_map.mask)

@@ -104,8 +104,8 @@ def _of_one(
     normal_map: processing.NormalMap, parts: processing.Separation, summary: list[str]
 ) -> tuple[PropertiesMetrics, list[Panel]]:
     """Measure a single map; add lines to the summary, return figures and pictures."""
-    alike = processing.rotation_similarity(parts.shape, parts.shape_filter.w)
-    orders = processing.idempotence(parts)
+    alike = processing.detail.rotation_similarity(parts.shape, parts.shape_filter.w)
+    orders = processing.detail.idempotence(parts)
     metrics: PropertiesMetrics = {
         "separability_deg": parts.separability_deg,
         "detail_to_map_ssim": processing.ssim(parts.detail, normal_map),
@@ -142,7 +142,7 @@ def _of_several(
     """Measure transfers of a map's detail to other maps; add figures and lines, return pictures."""
     source, *targets = (path.name for path in paths)
     by = parts.shape_filter
-    chain = processing.transfer_chain(normal_map, others, shape_filter=by)
+    chain = processing.detail.transfer_chain(normal_map, others, shape_filter=by)
     summary.append(
         f"chain          {chain[0].pixels} pixels; detail error against the previous, the first map"
     )
@@ -164,7 +164,7 @@ def _of_several(
             f"  {targets[step.target]:12} {step.to_previous.mae_deg:.2f} deg, "
             f"{step.to_original.mae_deg:.2f} deg (SSIM {step.to_original.ssim_paper:.4f})"
         )
-    both = processing.cross_exchange(normal_map, others[0], shape_filter=by)
+    both = processing.detail.cross_exchange(normal_map, others[0], shape_filter=by)
     errors = [done.fidelity.detail_mae_deg for done in both]
     summary.append(
         f"exchange       {errors[0]:.2f} deg on the target, {errors[1]:.2f} deg on the source"

@@ -29,10 +29,10 @@ def superres(
     *,
     scale: Literal[2, 4],
     out: Path,
-    method: processing.SuperResolutionMethod | None = None,
+    method: processing.superres.SuperResolutionMethod | None = None,
     model: str | None = None,
     self_ensemble: Annotated[bool | None, Parameter(negative="--no-self-ensemble")] = None,
-    sampling: processing.PixelSampling | None = None,
+    sampling: processing.superres.PixelSampling | None = None,
     pixel_mm: Positive | None = None,
     camera: OptionalInput = None,
     green: Green = "up",
@@ -99,11 +99,11 @@ def superres(
         raise UsageError("--camera and its distance give the scale: leave --pixel-mm out")
     network = None
     if method != "bicubic":
-        network = processing.read_superres_model(model, scale, method)
+        network = processing.superres.read_superres_model(model, scale, method)
     found = processing.find_normals(normals, max_pixels=max_pixels)
     doubts = [] if sampling or network is None else points_notices(found.files)
     points = any(doubt.code == "superres-points" for doubt in doubts)
-    stage = processing.SuperResolutionStage.of(
+    stage = processing.superres.SuperResolutionStage.of(
         scale,
         method=method,
         model=network,
@@ -129,7 +129,7 @@ def superres(
         result.inputs.append(camera)
         result.warnings += camera_notices(camera, view)
         acquisition.write_camera(result.file("camera", out / "camera.json"), view.upscaled(scale))
-        unit, step = processing.surface_scale(view, None)
+        unit, step = processing.surface.surface_scale(view, None)
         size = step if unit == "mm" else None
     if size is not None:
         result.metrics = {**result.metrics, "pixel_mm": size / scale}

@@ -158,7 +158,7 @@ def synthesize(
     of_sheet = (height, width)
     if onto is not None:
         of_sheet = processing.find_normals(onto, max_pixels=max_pixels).size
-    stage = processing.SynthesisStage(
+    stage = processing.synthesis.SynthesisStage(
         of_sheet, patch or 48, overlap, seed, rotate, mirror, tileable
     )
     need = stage.need(found.size)
@@ -192,7 +192,7 @@ def synthesize(
             sides = {} if patch is None else {"patch": patch}
             with Stages() as progress:
                 made = Synthesised.in_memory(
-                    processing.SYNTHESIZERS[method](
+                    processing.synthesis.SYNTHESIZERS[method](
                         detail, of_sheet, seed=seed, on_progress=progress, **sides
                     )
                 )
@@ -206,7 +206,7 @@ def synthesize(
             made = Synthesised.of_sheet(stage, sheet)
         elif target is None:
             with Stages() as progress:
-                whole = processing.computed(stage, detail, on_progress=progress)
+                whole = processing.stages.computed(stage, detail, on_progress=progress)
             made = Synthesised.of_sheet(stage, whole)
         else:
             shape = shape_filter.shape(target)
@@ -264,8 +264,8 @@ def _shape_notice(
         return []  # too small to separate; the synthesis decides whether a patch fits
     z = np.array([0, 0, 1], np.float32)
     shape = shape_filter.shape(detail).normals[detail.mask]
-    left = float(np.mean(processing.angle_deg(shape, z), dtype=np.float64))
-    whole = float(np.mean(processing.angle_deg(detail.normals[detail.mask], z), dtype=np.float64))
+    left = float(np.mean(acquisition.angle_deg(shape, z), dtype=np.float64))
+    whole = float(np.mean(acquisition.angle_deg(detail.normals[detail.mask], z), dtype=np.float64))
     if left <= _MOST_SHAPE * whole:
         return []
     text = (

@@ -81,7 +81,7 @@ def train(
             make_pairs(name, normals, seeds, work, chosen.side, scale, domain, progress)
             for name, normals, seeds in (
                 ("surfaces", simulator.random_normals, task.surfaces),
-                ("rugged surfaces", simulator.rugged_normals, task.rugged),
+                ("rugged surfaces", simulator.reliefs.rugged_normals, task.rugged),
             )
         )
         weights = run(task, pairs, rugged, work / "checkpoint.pt", progress)

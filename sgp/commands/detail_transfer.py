@@ -89,7 +89,7 @@ def transfer(
     keep_target_detail: bool = False,
     amplitude: Factor = 1.0,
     refine: Steps = 0,
-    filter: processing.FilterKind = "gaussian",  # noqa: A002
+    filter: processing.detail.FilterKind = "gaussian",  # noqa: A002
     order: Order = 8,
     w: Count | None = None,
     at: Place | None = None,
@@ -176,7 +176,7 @@ def transfer(
     )
     by = processing.ShapeFilter(filter, order, (10 if is_local else 5) if w is None else w)
     where = None if is_local or place is None else _whole(place)
-    stage = processing.TransferStage(keep_target_detail, amplitude, refine, by, where, tile)
+    stage = processing.detail.TransferStage(keep_target_detail, amplitude, refine, by, where, tile)
     whole = [*local.given(), *(["--profile"] if profile else [])]
     read = None
     if whole:
@@ -218,7 +218,7 @@ def _transfer_local(
             target.normal_map,
             source_mask=_mask(local.source_mask, source.normal_map),
             target_mask=_mask(local.target_mask, target.normal_map),
-            pose=processing.Pose(
+            pose=processing.detail.Pose(
                 None if place is None else (place[0], place[1]),
                 local.scale,
                 local.rotate_deg,

@@ -95,13 +95,13 @@ def _guarded(name: str, check: Callable[[], _Findings]) -> Iterator[_Found]:
 def _versions() -> _Findings:
     yield (
         "ok",
-        f"sgp {acquisition.software_version()}, Python {platform.python_version()}, "
+        f"sgp {acquisition.files.software_version()}, Python {platform.python_version()}, "
         f"{platform.system()} {platform.machine()}, in {sys.prefix}",
     )
     from importlib.metadata import PackageNotFoundError, requires, version
 
     try:
-        required = requires(acquisition.SOFTWARE) or []
+        required = requires(acquisition.files.SOFTWARE) or []
     except PackageNotFoundError:
         yield "warning", "sgp is not installed as a package: install it (pipx install .)"
         return
@@ -135,7 +135,7 @@ def _names() -> _Findings:
     clashes = 0
     provided = packages_distributions()
     for name in PACKAGES:
-        others = sorted(set(provided.get(name, ())) - {acquisition.SOFTWARE})
+        others = sorted(set(provided.get(name, ())) - {acquisition.files.SOFTWARE})
         clashes += len(others)
         for other in others:
             yield (
@@ -173,7 +173,7 @@ def _compiler() -> _Findings:
 
 
 def _kernels() -> _Findings:
-    folder = rig.kernel_folder()
+    folder = rig.kernels.kernel_folder()
     if folder is None:
         yield (
             "warning",
@@ -229,7 +229,7 @@ def _gentl() -> _Findings:
 def _producer(cti: Path) -> tuple[_State, str]:
     """Return what is known about a producer without loading it, since that could crash."""
     try:
-        whole = _GENTL_ENTRY in rig.read_bounded(cti, rig.MAX_BINARY_BYTES)
+        whole = _GENTL_ENTRY in rig.read_bounded(cti, rig.files.MAX_BINARY_BYTES)
     except (FileNotFoundError, rig.UnreadableError) as error:
         return "warning", f"{cti}: cannot be read ({error}): install the driver again"
     if not whole:
@@ -293,7 +293,7 @@ def _disk() -> _Findings:
 
 
 def _memory() -> _Findings:
-    total, free = rig.memory_of_computer()
+    total, free = rig.processes.memory_of_computer()
     if total is None:
         yield "ok", f"not known on {platform.system()}; {os.cpu_count()} processors"
         return

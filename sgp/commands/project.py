@@ -33,7 +33,7 @@ def project(
     geometry: Input,
     *,
     out: Path,
-    view: processing.View | None = None,
+    view: processing.projection.View | None = None,
     look: Triple | None = None,
     up: Literal["y", "z"] = "y",
     rotate_deg: Triple = "0,0,0",
@@ -105,7 +105,7 @@ def project(
         raise UsageError("--camera and its distance give the scale: leave --pixel-mm out")
     pixels = None if size is None else image_size("--size", size)[::-1]
     try:
-        rotation = processing.view_rotation(
+        rotation = processing.projection.view_rotation(
             view or "front",
             look=None if look is None else numbers("--look", look, 3),
             up=up,

@@ -52,7 +52,7 @@ def relight(
         )
     unit = [x / length for x in direction]
     check_file(out, ".png", force=force)
-    image = processing.read_ptm(ptm, max_pixels=max_pixels)
+    image = processing.relight.read_ptm(ptm, max_pixels=max_pixels)
     shown = np.rint(255 * np.clip(image.relit(unit), 0, 1)).astype(np.uint8)
     acquisition.write_png(out, shown, srgb=True)
     height, width = image.size

@@ -48,9 +48,9 @@ def list_(*, port: tuple[str, ...] = (), cti: tuple[Path, ...] = ()) -> Result:
             "with the camera's driver"
         )
     # Cameras first: a wrong producer fails at once, while silent ports take seconds.
-    cameras = rigs.find_cameras(cti) if cti else ()
-    ports = rigs.find_boards(port or None)
-    names, default = list(rigs.rig_names()), default_rig()
+    cameras = rigs.genicam.find_cameras(cti) if cti else ()
+    ports = rigs.board.find_boards(port or None)
+    names, default = list(rigs.config.rig_names()), default_rig()
     boards = [found for found in ports if found.identity is not None]
     summary = [
         f"rigs     {', '.join(names)}",
@@ -77,19 +77,19 @@ def list_(*, port: tuple[str, ...] = (), cti: tuple[Path, ...] = ()) -> Result:
     )
 
 
-def _answer(found: rigs.FoundPort) -> str:
+def _answer(found: rigs.board.FoundPort) -> str:
     board = found.identity
     if board is None:
         return f"port     {found.problem.removeprefix('LED board on ')}"
     return f"board    {board.name} on {found.port}, {board.leds} LEDs, firmware {board.firmware}"
 
 
-def _port(found: rigs.FoundPort) -> dict[str, Any]:
+def _port(found: rigs.board.FoundPort) -> dict[str, Any]:
     board = None if found.identity is None else asdict(found.identity)
     return {"port": found.port, "board": board, "complaint": found.problem}
 
 
-def _camera(found: rigs.FoundCamera) -> dict[str, Any]:
+def _camera(found: rigs.genicam.FoundCamera) -> dict[str, Any]:
     return {"vendor": found.vendor, "model": found.model, "serial": found.serial, "cti": found.cti}
 
 
@@ -166,7 +166,7 @@ def light(led: Whole, *, rig: RigOption = None, seconds: Positive = 5.0) -> Resu
         after this program died.
     """
     name = chosen_rig(rig)
-    with rigs.open_board(name) as opened:
+    with rigs.rigs.open_board(name) as opened:
         board = opened.board
         longest = board.identity.max_hold_ms
         if seconds * 1000 > longest:
@@ -207,7 +207,7 @@ def off(*, rig: RigOption = None) -> Result:
         else `rig` in the configuration file (~/.config/sgp/config.toml on Linux).
     """
     name = chosen_rig(rig)
-    with rigs.open_board(name):
+    with rigs.rigs.open_board(name):
         pass  # opening turns all LEDs off, and closing turns them off again
     return Result(summary=["all LEDs are off"])
 
@@ -256,7 +256,7 @@ def snap(
         white = opened.camera.info.white_dn
         mounting = opened.config.mounting
     pixels = shot.frame.pixels
-    acquisition.write_tiff(out, pixels)
+    acquisition.pixels.write_tiff(out, pixels)
     shade = 255 * (np.minimum(pixels, white) / white) ** _VIEW_GAMMA
     acquisition.write_png(view, mounting.upright(np.rint(shade).astype(np.uint8)))
     clipped = float((pixels >= white).mean())
@@ -289,10 +289,12 @@ def selftest(*, rig: RigOption = None) -> Result:
     """
     name = chosen_rig(rig)
     with rigs.open_rig(name) as opened, Stages() as progress:
-        result = acquisition.selftest(opened, on_progress=progress)
+        result = acquisition.selftests.selftest(opened, on_progress=progress)
     faults = [finding for finding in result.findings if finding.fault]
     notes = [finding for finding in result.findings if not finding.fault]
-    if name in rigs.rig_names():  # opened by name: there is no file in which to set an option
+    if (
+        name in rigs.config.rig_names()
+    ):  # opened by name: there is no file in which to set an option
         notes = [finding for finding in notes if finding.kind != "exposure active"]
     verdict = "no faults" if result.ok else rigs.pluralize(len(faults), "fault")
     if result.ok and any(finding.kind == "ambiguous" for finding in notes):
@@ -322,7 +324,7 @@ def _mounted(config: rigs.RigConfig) -> str:
     return "frames are " + (" and ".join(words) + " to be upright" if words else "upright")
 
 
-def _doubts(status: rigs.BoardStatus, config: rigs.RigConfig) -> list[rigs.Notice]:
+def _doubts(status: rigs.board.BoardStatus, config: rigs.RigConfig) -> list[rigs.Notice]:
     """Return warnings about states that are not errors yet."""
     doubts = []
     if status.faults:

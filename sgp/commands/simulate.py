@@ -157,7 +157,7 @@ def simulate(
                 )
 
         if layout == "diligent":
-            with acquisition.staged(out) as building, watch.stage("record"):
+            with acquisition.files.staged(out) as building, watch.stage("record"):
                 session = recorded(building / "recording")
                 written = _export_diligent(session, building, rendering, result)
                 shutil.rmtree(session.folder)
@@ -205,7 +205,7 @@ def _export_diligent(
         acquisition.make_folder(place)
         acquisition.write_mask(place / "mask.png", rendering.maps["mask"])
         acquisition.write_exr(place / "normals.exr", rendering.maps["normals"])
-    export = acquisition.prepare_export(
+    export = acquisition.exports.prepare_export(
         session.folder, "diligent", values="linear", lights=rendering.scene.lights
     )
     result.warnings += export.warnings

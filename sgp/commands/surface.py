@@ -143,7 +143,7 @@ def _way(
     way = SurfaceWay.within(
         memory,
         size,
-        processing.SurfaceStage(camera is not None, sigma is not None),
+        processing.surface.SurfaceStage(camera is not None, sigma is not None),
         stl=options.stl,
         whole_for=[name for name, given in wanted.items() if given],
     )

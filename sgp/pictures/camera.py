@@ -13,7 +13,8 @@ from sgp.pictures.sheet import Panel, set_plot_area
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from calibration import CalibratedView, CameraCalibration
+    from calibration import CameraCalibration
+    from calibration.camera import CalibratedView
 
 _USED, _LEFT_OUT = "tab:blue", "tab:red"
 _ARROW: Final = 0.04  # length of a typical residual, relative to the width of the image

@@ -25,7 +25,7 @@ _OTHERS = (
 )
 
 
-def write_jumps(folder: Path, jumps: processing.Jumps) -> dict[str, Path]:
+def write_jumps(folder: Path, jumps: processing.surface.Jumps) -> dict[str, Path]:
     """Write discontinuity.png, jumps.png and parts.png; return the files.
 
     discontinuity.png is the doubt, white at a jump. jumps.png is 85 at a pixel with a jump to its

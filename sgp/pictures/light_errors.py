@@ -118,7 +118,7 @@ def _in_space(lights: acquisition.Lights) -> Float64 | None:
         return None
     if lights.directions is None:
         return lights.errors.covariances
-    basis = acquisition.tangent_basis(lights.directions)
+    basis = acquisition.values.tangent_basis(lights.directions)
     covariances: Float64 = basis.transpose(0, 2, 1) @ lights.errors.covariances @ basis
     return covariances
 

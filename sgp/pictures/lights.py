@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.text import Text
     from matplotlib.transforms import Bbox
 
-    from calibration import SphereCalibration, SphereCandidate
+    from calibration import SphereCalibration
+    from calibration.spheres import SphereCandidate
 
 Box = tuple[float, float, float, float]  # left, bottom, right, top in pixels
 

@@ -45,13 +45,15 @@ class Masked(NamedTuple):
     mask: Bool
 
 
-def normals_panel(title: str, rows: processing.NormalRows, crop: Crop | None = None) -> Panel:
+def normals_panel(
+    title: str, rows: processing.stages.NormalRows, crop: Crop | None = None
+) -> Panel:
     """Show normals as colours: red is right, green is up, blue is toward the camera."""
     crop = crop or Crop.around(rows.mask)
     return _colours(title, crop.picture(rows.normals, rows.mask), crop)
 
 
-def detail_panel(title: str, rows: processing.NormalRows, crop: Crop | None = None) -> Panel:
+def detail_panel(title: str, rows: processing.stages.NormalRows, crop: Crop | None = None) -> Panel:
     """Show a detail component with amplified slopes; the title states the factor."""
     crop = crop or Crop.around(rows.mask)
     normals = crop.picture(rows.normals, rows.mask)
@@ -127,7 +129,7 @@ def shaded_panel(
     return _lit(title, normals, crop)
 
 
-def lit_panel(title: str, rows: processing.NormalRows, crop: Crop | None = None) -> Panel:
+def lit_panel(title: str, rows: processing.stages.NormalRows, crop: Crop | None = None) -> Panel:
     """Show a normal map lit from the upper left, as `shaded_panel` shows a height map."""
     crop = crop or Crop.around(rows.mask)
     return _lit(title, crop.picture(rows.normals, rows.mask), crop)

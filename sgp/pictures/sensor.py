@@ -12,7 +12,7 @@ from sgp.pictures.sheet import Panel, set_plot_area
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from calibration import SensorCalibration
+    from calibration.sensor import SensorCalibration
 
 _DOT: Final[dict[str, Any]] = {"ls": "none", "marker": ".", "ms": 3, "color": "tab:blue"}
 _MODEL: Final[dict[str, Any]] = {"color": "tab:red", "lw": 1}

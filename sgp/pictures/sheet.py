@@ -37,7 +37,7 @@ def choose_plot_folder() -> None:
             if not os.access(place, os.W_OK):
                 raise PermissionError
     except (OSError, RuntimeError):  # RuntimeError: there is no home folder
-        folder = rig.private_folder()
+        folder = rig.kernels.private_folder()
         if folder is not None:
             os.environ[_VARIABLE] = str(folder / "matplotlib")
 

@@ -26,7 +26,7 @@ def read_map(path: Path, max_pixels: int) -> Values:
     DataError
         If the file cannot be read; of a large one, its later rows are checked when they are read.
     """
-    rows = acquisition.ImageRows(path, max_pixels=max_pixels)
+    rows = acquisition.pixels.ImageRows(path, max_pixels=max_pixels)
     if rows.shape[0] * rows.shape[1] > LARGE:
         return rows
     rows.close()
@@ -43,16 +43,16 @@ def large_normals(
     mask = path.parent / "mask.png"
     if path.suffix != ".exr" or folder.record_of(path) is None or not mask.exists():
         return None
-    rows = acquisition.ImageRows(path, max_pixels=max_pixels)
+    rows = acquisition.pixels.ImageRows(path, max_pixels=max_pixels)
     height, width = rows.shape[:2]
     if len(rows.shape) != 3 or height * width <= LARGE:
         rows.close()
         return None
     inside = acquisition.read_mask(mask, (height, width))
-    return acquisition.ComputedRows(rows.shape, rows.dtype, partial(_vectors, rows)), inside
+    return acquisition.files.ComputedRows(rows.shape, rows.dtype, partial(_vectors, rows)), inside
 
 
-def _vectors(rows: acquisition.ImageRows, band: slice) -> AnyArray:
+def _vectors(rows: acquisition.pixels.ImageRows, band: slice) -> AnyArray:
     """Return rows of vectors; those of length 0 are NaN."""
     vectors = rows[band]
     vectors[~vectors.any(axis=2)] = np.nan

@@ -159,7 +159,7 @@ def _lights(
 class _Shot:
     """An image of a recording; ``known`` if the records of the result rest on it."""
 
-    frame: acquisition.Frame | acquisition.SessionFrame
+    frame: acquisition.Frame | acquisition.session.SessionFrame
     read: Callable[[], AnyArray]
     shape: tuple[int, ...]
     status: Literal["kept", "rejected"] = "kept"
@@ -184,7 +184,7 @@ def _shots(source: acquisition.Source) -> Iterator[_Shot]:
             )
 
 
-def _upright(frame: acquisition.SessionFrame, mounting: rig.Mounting) -> AnyArray:
+def _upright(frame: acquisition.session.SessionFrame, mounting: rig.Mounting) -> AnyArray:
     return mounting.upright(frame.read())
 
 

@@ -98,7 +98,7 @@ def claimed(out: Path, *, force: bool) -> Iterator[DemoFolder]:
 def _make_room(out: Path, *, force: bool) -> None:
     """Remove the files of an earlier demo; refuse other files with the same names."""
     mark = out / MARK
-    acquisition.remove_part_files(out)
+    acquisition.files.remove_part_files(out)
     if not mark.is_file() or mark.is_symlink():
         check_folder(out, force=force)
     hashes, at_work = _read(mark)
@@ -133,7 +133,7 @@ def _files(out: Path, names: tuple[str, ...]) -> list[Path]:
 def _read(mark: Path) -> tuple[Mapping[str, str], tuple[str, ...]]:
     """Return the hashes in a mark file, and the files of the stage that did not finish."""
     try:
-        content = rig.parse_json(rig.read_bounded(mark))
+        content = rig.files.parse_json(rig.read_bounded(mark))
         files, at_work = content.get("files", content), content.get("unfinished", [])
         return {str(name): str(digest) for name, digest in files.items()}, tuple(map(str, at_work))
     except (FileNotFoundError, rig.UnreadableError, AttributeError, TypeError):

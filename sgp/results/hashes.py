@@ -16,7 +16,7 @@ from sgp.cli.console import shown
 _PAGE = ".html"
 # Key of a record for the hash of the other keys.
 SEAL = "record_sha256"
-_digests: dict[tuple[Path, rig.FileStatus], str] = {}
+_digests: dict[tuple[Path, rig.files.FileStatus], str] = {}
 
 
 def sha256(path: Path) -> str:
@@ -29,11 +29,11 @@ def sha256(path: Path) -> str:
     DataError
         If another program is writing into it.
     """
-    key = path.absolute(), rig.FileStatus.of(path.stat())
+    key = path.absolute(), rig.files.FileStatus.of(path.stat())
     if key not in _digests:
         with path.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
-        if rig.FileStatus.of(path.stat()) != key[1]:
+        if rig.files.FileStatus.of(path.stat()) != key[1]:
             raise _changed(path)
         _digests[key] = digest
     return _digests[key]
@@ -54,10 +54,10 @@ def input_hashes(files: Iterable[Path]) -> dict[str, str]:
 
 
 def _input_hash(path: Path) -> str:
-    first = rig.status_when_read(path)
+    first = rig.files.status_when_read(path)
     try:
         digest = sha256(path)
-        same = first in (None, rig.FileStatus.of(path.stat()))
+        same = first in (None, rig.files.FileStatus.of(path.stat()))
     except FileNotFoundError:
         if first is None:
             raise

@@ -68,7 +68,7 @@ def _cut_short(record: Path) -> bool:
     It removes its unfinished maps after the files are complete, before the record; whether they
     belong to the same computation is checked where they are continued.
     """
-    return not record.exists() and acquisition.is_unfinished(record.with_suffix(""))
+    return not record.exists() and acquisition.files.is_unfinished(record.with_suffix(""))
 
 
 def check_output(out: Path, arguments: Iterable[Any], *, force: bool) -> None:
@@ -96,15 +96,15 @@ def claim_folder(out: Path, record: str, inputs: Iterable[Path] = ()) -> Path:
     StorageError
         If the folder cannot be created or a file cannot be removed.
     """
-    acquisition.check_publishing()
+    acquisition.files.check_publishing()
     input_hashes(inputs)
     acquisition.make_folder(out)
-    acquisition.remove_part_files(out)
+    acquisition.files.remove_part_files(out)
     for path in earlier_files(out, record):
         try:
             path.unlink(missing_ok=True)
         except OSError as error:
-            raise acquisition.storage_error(path, "replace", error) from error
+            raise acquisition.files.storage_error(path, "replace", error) from error
     return out
 
 
@@ -211,7 +211,7 @@ def check_folder(out: Path, *, force: bool | None = None) -> None:
     if (
         out.is_dir()
         and not force
-        and any(not acquisition.is_part_file(path) for path in out.iterdir())
+        and any(not acquisition.files.is_part_file(path) for path in out.iterdir())
     ):
         instead = "" if force is None else ", or add --force"
         raise UsageError(f"{out} already contains files: choose another folder{instead}")
@@ -331,8 +331,8 @@ def provenance(command: str, parameters: Mapping[str, Any], inputs: list[Path]) 
     return {
         "command": command,
         "software": {
-            "name": acquisition.SOFTWARE,
-            "version": acquisition.software_version(),
+            "name": acquisition.files.SOFTWARE,
+            "version": acquisition.files.software_version(),
         },
         "parameters": plain(parameters),
         "inputs": input_hashes(inputs),

@@ -15,7 +15,7 @@ from sgp.results.hashes import sha256
 @contextmanager
 def own_files_named() -> Iterator[None]:
     """Note the files that a command reads; an error about one of a result names its command."""
-    with rig.files_read() as read:
+    with rig.files.files_read() as read:
         try:
             yield
         except acquisition.DataError as error:

@@ -12,7 +12,7 @@ from rig.arrays import Float64
 from sgp.results.stage_metrics import NormalsMetrics, QualityMetrics, SampleShares
 
 
-def add_quality(metrics: QualityMetrics, quality: processing.ImageQuality) -> None:
+def add_quality(metrics: QualityMetrics, quality: processing.checks.ImageQuality) -> None:
     """Add the figures to those of a command; those of single images only if they are known."""
     metrics["residual_relative"] = quality.residual
     metrics["consistency"] = quality.consistency
@@ -25,7 +25,7 @@ def add_quality(metrics: QualityMetrics, quality: processing.ImageQuality) -> No
         metrics["light_gains"] = _listed(quality.light_gain)
 
 
-def quality_lines(quality: processing.ImageQuality) -> list[str]:
+def quality_lines(quality: processing.checks.ImageQuality) -> list[str]:
     """Return the block for the terminal, of at most 78 columns."""
     lines = []
     if np.isfinite(quality.residual):
@@ -104,4 +104,4 @@ def _median(values: acquisition.MapRows) -> float:
 
 def _bands(values: acquisition.MapRows) -> list[slice]:
     height, width = values.shape
-    return acquisition.rows_in_bands(height, values.dtype.itemsize * width, _READ)
+    return acquisition.files.rows_in_bands(height, values.dtype.itemsize * width, _READ)

@@ -115,7 +115,7 @@ def read_record(path: str | Path) -> ResultRecord:
     """
     path = Path(path)
     try:
-        values = rig.parse_json(rig.read_bounded(path))
+        values = rig.files.parse_json(rig.read_bounded(path))
     except FileNotFoundError as error:
         raise acquisition.MissingPathError(f"{path}: no such file") from error
     except rig.UnreadableError as error:
@@ -139,14 +139,14 @@ def read_record(path: str | Path) -> ResultRecord:
         record = ResultRecord.model_validate(values, strict=False)
         check_metrics(record.command, record.metrics)
     except ValidationError as error:
-        raise acquisition.DataError(f"{path}: {rig.validation_message(error)}") from error
+        raise acquisition.DataError(f"{path}: {rig.messages.validation_message(error)}") from error
     return record
 
 
 def is_record(path: Path) -> bool:
     """Return whether a file is the record of a result, even if it is cut short."""
     try:
-        content = rig.parse_json(rig.read_bounded(path))
+        content = rig.files.parse_json(rig.read_bounded(path))
     except FileNotFoundError:
         return False
     except rig.UnreadableError:
@@ -156,7 +156,7 @@ def is_record(path: Path) -> bool:
 
 def _head(path: Path) -> bytes:
     try:
-        return rig.read_head(path, 200)[0]
+        return rig.files.read_head(path, 200)[0]
     except (FileNotFoundError, rig.UnreadableError):
         return b""
 

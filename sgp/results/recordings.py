@@ -44,7 +44,7 @@ def recordings_of(
 
 def _of_folder(folder: Path, names: set[str]) -> Iterator[acquisition.Identity]:
     for name in sorted(names):
-        identity = acquisition.read_identity(folder / name)
+        identity = acquisition.source.read_identity(folder / name)
         if identity is not None:
             yield identity
     for file in sorted(folder.glob("*.json"))[:_MOST_RECORDS]:

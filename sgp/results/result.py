@@ -68,7 +68,7 @@ class Result:
 def json_table(path: Path) -> dict[str, Any]:
     """Return the content of a JSON file; empty if it is no table, cannot be read or is missing."""
     try:
-        content = rig.parse_json(rig.read_bounded(path))
+        content = rig.files.parse_json(rig.read_bounded(path))
     except (FileNotFoundError, rig.UnreadableError):
         return {}
     return content if isinstance(content, dict) else {}

@@ -104,7 +104,7 @@ def _statements(root: Path, found: Verification) -> Iterator[_Statement]:
 
 def _check_seal(path: Path, record: ResultRecord, found: Verification) -> None:
     known = record.record_sha256
-    if known is not None and seal(rig.parse_json(rig.read_bounded(path))) != known:
+    if known is not None and seal(rig.files.parse_json(rig.read_bounded(path))) != known:
         text = f"was changed: it is the record of `{record.command}`: run this command again"
         found.notices.append(rig.Notice("output-damaged", text, str(path), "error"))
 
@@ -133,7 +133,7 @@ def _is_shown(name: str) -> bool:
 def _provenance(path: Path) -> tuple[str, dict[str, str]] | None:
     """Return the command and the input hashes of a file such as lights.json, if it has them."""
     try:
-        content = rig.parse_json(rig.read_bounded(path))
+        content = rig.files.parse_json(rig.read_bounded(path))
     except (FileNotFoundError, rig.UnreadableError) as error:
         raise acquisition.DataError(f"{path}: {error}") from error
     made_by = content.get("provenance") if isinstance(content, dict) else None
@@ -173,7 +173,7 @@ def _unreadable(path: Path) -> str | None:
         if path.suffix in _IMAGES:
             acquisition.read_image(path)
         elif path.is_file():
-            rig.read_head(path, 1)
+            rig.files.read_head(path, 1)
     except (acquisition.DataError, rig.UnreadableError) as error:
         return str(error).removeprefix(f"{path}: ")
     return None

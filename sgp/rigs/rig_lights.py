@@ -70,7 +70,7 @@ def given_lights(
         "intensities` estimates them"
     )
     notice = rig.Notice("lights-of-rig", text, str(file), "info")
-    known_lights = acquisition.lights_of_rig(config)
+    known_lights = acquisition.value_files.lights_of_rig(config)
     return GivenLights(replace(known_lights, warnings=(notice,)), file)
 
 
@@ -96,9 +96,9 @@ def rig_notices(
     config = _positioned_rig(option, recorded_on)
     if config is None:
         return []
-    if option is None and any(acquisition.led_of(name) is None for name in lights.ids):
+    if option is None and any(acquisition.values.led_of(name) is None for name in lights.ids):
         return []
-    compared = calibration.compare_with_rig(lights, config)
+    compared = calibration.comparison.compare_with_rig(lights, config)
     return [replace(notice, where=f"rig {config.name}") for notice in compared.warnings]
 
 
@@ -109,7 +109,7 @@ def led_positions(option: Path | None, recorded_on: str) -> dict[str, tuple[floa
     """
     config = _positioned_rig(option, recorded_on)
     places = () if config is None else config.led_positions_mm or ()
-    return {acquisition.led_id(led): tuple(place) for led, place in enumerate(places)}
+    return {acquisition.values.led_id(led): tuple(place) for led, place in enumerate(places)}
 
 
 def _positioned_rig(option: Path | None, recorded_on: str) -> rig.RigConfig | None:

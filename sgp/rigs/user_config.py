@@ -83,9 +83,9 @@ def chosen_rig(option: Path | None) -> str:
         If there is no rig or rig file of the name that the option gives.
     """
     if option is not None:
-        rig.find_rig_file(str(option))  # a missing rig is reported before libraries load
+        rig.config.find_rig_file(str(option))  # a missing rig is reported before libraries load
         return str(option)
-    default, names = default_rig(), rig.rig_names()
+    default, names = default_rig(), rig.config.rig_names()
     if default is None:
         raise UsageError(
             f"--rig is missing: give a rig file (.toml) or one of {', '.join(names)}; for a "
@@ -121,7 +121,7 @@ def _read(path: Path | None) -> dict[str, str]:
     if path is None:
         return {}
     try:
-        content = rig.parse_toml(rig.read_bounded(path, rig.MAX_TOML_BYTES))
+        content = rig.files.parse_toml(rig.read_bounded(path, rig.files.MAX_TOML_BYTES))
     except FileNotFoundError:
         return {}
     except rig.UnreadableError as error:

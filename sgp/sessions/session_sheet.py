@@ -70,10 +70,12 @@ def write_session_sheet(path: Path, session: acquisition.Session) -> None:
     acquisition.write_png(path, sheet)
 
 
-def in_order(frames: Sequence[acquisition.SessionFrame]) -> list[acquisition.SessionFrame]:
+def in_order(
+    frames: Sequence[acquisition.session.SessionFrame],
+) -> list[acquisition.session.SessionFrame]:
     """Return frames in the order of the sheet: lights by LED and bracket, then the others."""
 
-    def place(frame: acquisition.SessionFrame) -> tuple[int, int, int]:
+    def place(frame: acquisition.session.SessionFrame) -> tuple[int, int, int]:
         led = -1 if frame.led is None else frame.led
         return _ORDER.index(frame.role), led, frame.bracket
 
@@ -91,7 +93,9 @@ def _add_legend(strip: UInt8, session: acquisition.Session) -> None:
     _write(strip, text, 8 + _SWATCH_PX, top + _SWATCH_PX - 1, 0.42, (0, 0, 0))
 
 
-def _bright_dn(frame: acquisition.SessionFrame, frames: Sequence[acquisition.SessionFrame]) -> int:
+def _bright_dn(
+    frame: acquisition.session.SessionFrame, frames: Sequence[acquisition.session.SessionFrame]
+) -> int:
     """Return the raw value that is drawn white."""
     lit = [other for other in frames if other.role not in _UNLIT]
     if frame in lit:
@@ -100,7 +104,10 @@ def _bright_dn(frame: acquisition.SessionFrame, frames: Sequence[acquisition.Ses
 
 
 def _tile(
-    session: acquisition.Session, frame: acquisition.SessionFrame, black_dn: float, bright_dn: float
+    session: acquisition.Session,
+    frame: acquisition.session.SessionFrame,
+    black_dn: float,
+    bright_dn: float,
 ) -> UInt8:
     camera = session.manifest.camera
     raw = frame.read()
@@ -122,7 +129,7 @@ def _tile(
     return np.concatenate([picture, label])
 
 
-def _facts(frame: acquisition.SessionFrame, clipped: float) -> str:
+def _facts(frame: acquisition.session.SessionFrame, clipped: float) -> str:
     exposure = "exposure unknown" if frame.exposure_us is None else f"{frame.exposure_us:g} us"
     if frame.exposure_us is not None and frame.exposure_us >= 1000:
         exposure = f"{frame.exposure_us / 1000:.4g} ms"

@@ -91,13 +91,13 @@ def _groups(session: acquisition.Session) -> list[str]:
     lines = [frame.line for frame in session.frames]
     exposures = {(line.role, line.exposure_us) for line in lines}
     many = len(exposures) > _MOST_GROUPS
-    groups: dict[tuple[str, float | None], list[acquisition.FrameLine]] = {}
+    groups: dict[tuple[str, float | None], list[acquisition.session.FrameLine]] = {}
     for line in lines:
         groups.setdefault((line.role, None if many else line.exposure_us), []).append(line)
     return [f"{role:<9} {_group(group)}" for (role, _), group in groups.items()]
 
 
-def _group(lines: list[acquisition.FrameLine]) -> str:
+def _group(lines: list[acquisition.session.FrameLine]) -> str:
     exposures = sorted({line.exposure_us for line in lines if line.exposure_us is not None})
     bright = sorted(line.percentiles_dn["99"] for line in lines)
     clipped = max(line.clipped_fraction for line in lines)
@@ -129,7 +129,9 @@ def _dark_dn(session: acquisition.Session) -> dict[float | None, int]:
     return {line.exposure_us: line.percentiles_dn["99"] for line in unlit}
 
 
-def _row(line: acquisition.FrameLine, dark_dn: Mapping[float | None, int], width: int) -> str:
+def _row(
+    line: acquisition.session.FrameLine, dark_dn: Mapping[float | None, int], width: int
+) -> str:
     exposure = "-" if line.exposure_us is None else f"{line.exposure_us:g} us"
     bright_dn = line.percentiles_dn["99"]
     lit = ""

@@ -15,7 +15,7 @@ import simulator
 from rig.arrays import Bool, Float32, Int64
 from sgp.cli.console import Stages
 
-Rendered = simulator.Rendering | simulator.StoredRendering
+Rendered = simulator.Rendering | simulator.rendering.StoredRendering
 
 # Share of the sensor's range that a metered exposure fills; the rest is for noise and flicker.
 _FILL = 0.8
@@ -39,16 +39,16 @@ def rendered(scene: simulator.Scene, folder: Path, memory: int | None) -> Iterat
     memory
         Bytes to use; None for half of what is free.
     """
-    budget = rigs.memory_budget(memory)
+    budget = rigs.processes.memory_budget(memory)
     with ExitStack() as kept:
         rendering: Rendered
         with Stages() as progress:
-            if simulator.rendering_bytes(scene) <= budget:
+            if simulator.rendering.rendering_bytes(scene) <= budget:
                 rendering = simulator.render(scene, progress)
             else:
                 acquisition.make_folder(folder)
                 rendering = kept.enter_context(
-                    simulator.render_stored(
+                    simulator.rendering.render_stored(
                         scene, folder, memory_bytes=budget, on_progress=progress
                     )
                 )
@@ -104,7 +104,7 @@ def _at(plane: acquisition.MapRows, places: Int64) -> Float32:
     """Return the values at indices, in order, of all pixels."""
     height, width = plane.shape
     found = []
-    for rows in acquisition.rows_in_bands(height, 4 * width, _BAND_BYTES):
+    for rows in acquisition.files.rows_in_bands(height, 4 * width, _BAND_BYTES):
         first = rows.start * width
         inside = slice(*np.searchsorted(places, (first, rows.stop * width)))
         found.append(plane[rows].ravel()[places[inside] - first])

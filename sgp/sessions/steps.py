@@ -46,7 +46,7 @@ class MeterOptions:
     meter_fraction: _Level | None = None
     max_clipped: _Share | None = None
 
-    def goal(self) -> acquisition.MeteringGoal | None:
+    def goal(self) -> acquisition.metering.MeteringGoal | None:
         """Return the goal of metering, or None without ``--meter``.
 
         Raises
@@ -67,7 +67,7 @@ class MeterOptions:
                     "or --meter one"
                 )
             return None
-        return acquisition.MeteringGoal(each=self.meter == "each", **stated)
+        return acquisition.metering.MeteringGoal(each=self.meter == "each", **stated)
 
 
 @dataclass
@@ -81,12 +81,12 @@ class Preparation:
 def metered(
     rig: rigs.Rig,
     plan: acquisition.CapturePlan,
-    goal: acquisition.MeteringGoal,
+    goal: acquisition.metering.MeteringGoal,
     prepared: Preparation,
 ) -> acquisition.CapturePlan:
     """Return the plan with metered exposure times."""
     with Stages() as progress:
-        metering = acquisition.meter(rig, plan, goal, on_progress=progress)
+        metering = acquisition.metering.meter(rig, plan, goal, on_progress=progress)
     prepared.events.append(("metered", metering.details()))
     if metering.dead_leds:
         reason = "gave no light when metered"
@@ -95,7 +95,7 @@ def metered(
     return metering.plan
 
 
-def checked_wiring(rig: rigs.Rig, plan: acquisition.CapturePlan) -> acquisition.Check:
+def checked_wiring(rig: rigs.Rig, plan: acquisition.CapturePlan) -> acquisition.preflights.Check:
     """Test every LED before metering, which skips dead LEDs but cannot see swapped ones.
 
     Raises
@@ -103,9 +103,9 @@ def checked_wiring(rig: rigs.Rig, plan: acquisition.CapturePlan) -> acquisition.
     RigError
         If LEDs of the plan are swapped, doubled or cannot be tested.
     """
-    check = acquisition.check_leds(rig, plan, metered=False)
+    check = acquisition.preflights.check_leds(rig, plan, metered=False)
     if check.state == "failed":
-        accept(acquisition.Preflight((check,)), Preparation())
+        accept(acquisition.preflights.Preflight((check,)), Preparation())
     return check
 
 
@@ -117,7 +117,7 @@ class CheckFailedError(rigs.RigError):
         self.findings = findings
 
 
-def accept(preflight: acquisition.Preflight, prepared: Preparation) -> None:
+def accept(preflight: acquisition.preflights.Preflight, prepared: Preparation) -> None:
     """Add the findings of a pre-flight check to `prepared`; raise if a check failed.
 
     Raises
@@ -141,11 +141,11 @@ def accept(preflight: acquisition.Preflight, prepared: Preparation) -> None:
 
 
 def dry_run(
-    rig: rigs.Rig, plan: acquisition.CapturePlan, shots: Sequence[acquisition.PlannedShot]
+    rig: rigs.Rig, plan: acquisition.CapturePlan, shots: Sequence[acquisition.plan.PlannedShot]
 ) -> Result:
     """Take shots with all LEDs off without recording them."""
     with Stages() as progress:
-        seconds = acquisition.rehearse(rig, plan, on_progress=progress, shots=shots)
+        seconds = acquisition.engine.rehearse(rig, plan, on_progress=progress, shots=shots)
     count, info = len(shots), rig.camera.info
     size = count * info.width * info.height * 2
     return Result(

@@ -17,7 +17,7 @@ from sgp.results.hashes import input_hashes
 from sgp.stages.given_normals import with_remedy
 from sgp.stages.memory_limit import Limit, identity, other_maps_refused
 
-Computed = acquisition.MemoryMaps | acquisition.BandStore
+Computed = acquisition.files.MemoryMaps | acquisition.files.BandStore
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class MapInput:
     option: str | None = "--green"
     max_pixels: int = rig.MAX_PIXELS
 
-    def find(self) -> processing.FoundNormals:
+    def find(self) -> processing.maps.FoundNormals:
         """Return size and files of the map."""
         return processing.find_normals(self.path, max_pixels=self.max_pixels)
 
@@ -51,20 +51,20 @@ class MapInput:
         input_hashes(read.files)
         return read._replace(warnings=self._with_doubts(read.warnings, read.normal_map))
 
-    def store(self, file: Path) -> processing.StoredNormals:
+    def store(self, file: Path) -> processing.maps.StoredNormals:
         """Read the map into a file of rows."""
-        found = processing.store_normals(
+        found = processing.maps.store_normals(
             self.path, file, green=self.green, max_pixels=self.max_pixels
         )
         return found._replace(warnings=self._with_doubts(found.warnings, found))
 
     def _with_doubts(
-        self, notices: tuple[rig.Notice, ...], rows: processing.NormalRows
+        self, notices: tuple[rig.Notice, ...], rows: processing.stages.NormalRows
     ) -> tuple[rig.Notice, ...]:
         """Return the notices of a reader with those about the axes, unless it named these."""
         if any(notice.code == "normals-channels-swapped" for notice in notices):
             return notices
-        doubts = processing.axes_notices(rows)
+        doubts = processing.surface.axes_notices(rows)
         named = (with_remedy(doubt, self.green, self.option) for doubt in doubts)
         return (*notices, *(replace(one, where=str(self.path)) for one in named))
 
@@ -84,14 +84,14 @@ class StageMaps:
     """
 
     maps: Computed
-    inputs: tuple[processing.NormalRows, ...]
+    inputs: tuple[processing.stages.NormalRows, ...]
     warnings: tuple[rig.Notice, ...]
     files: tuple[Path, ...]
 
 
 @contextmanager
 def stage_maps(
-    stage: processing.Stage,
+    stage: processing.stages.Stage,
     inputs: Sequence[MapInput],
     limit: Limit,
     *,
@@ -125,16 +125,16 @@ def stage_maps(
         maps = [one.normal_map for one in whole]
         notices, used = _of_all(whole)
         with Stages() as progress:
-            made = processing.computed(stage, *maps, on_progress=progress)
+            made = processing.stages.computed(stage, *maps, on_progress=progress)
         yield StageMaps(made, tuple(maps), notices, used)
         return
     greens = {str(one.option).strip("-").replace("-", "_"): one.green for one in inputs}
     depends_on = identity(
         {**options_of(stage), **greens}, [*(path for one in found for path in one.files), *files]
     )
-    rows: list[processing.StoredNormals] = []
+    rows: list[processing.maps.StoredNormals] = []
 
-    def stored(store: acquisition.BandStore) -> list[processing.StoredNormals]:
+    def stored(store: acquisition.files.BandStore) -> list[processing.maps.StoredNormals]:
         for number, given in enumerate(inputs):
             rows.append(given.store(store.folder / f"input-{number}.raw"))
             store.close_with(rows[-1].normals)
@@ -146,12 +146,12 @@ def stage_maps(
 
 @contextmanager
 def maps_in_files(
-    stage: processing.Stage,
-    sizes: Sequence[processing.Size],
+    stage: processing.stages.Stage,
+    sizes: Sequence[processing.stages.Size],
     limit: Limit,
     depends_on: Mapping[str, object],
-    inputs: Callable[[acquisition.BandStore], Sequence[processing.NormalRows]],
-) -> Iterator[acquisition.BandStore]:
+    inputs: Callable[[acquisition.files.BandStore], Sequence[processing.stages.NormalRows]],
+) -> Iterator[acquisition.files.BandStore]:
     """Provide the maps of a stage in files, which are removed if the block ends well.
 
     After an error, the same command continues with them.
@@ -172,19 +172,19 @@ def maps_in_files(
         with other_maps_refused(), Stages() as progress:
             progress(stage.name, 0, 1)
             store = opened.enter_context(
-                acquisition.BandStore(
+                acquisition.files.BandStore(
                     limit.path, depends_on, stage.forms(*sizes), replace=limit.force
                 )
             )
             with store.filling():
                 steps = stage.steps(store, *inputs(store), memory=limit.bytes_of_bands(need))
-                processing.run_steps(stage.name, steps, store, progress)
+                processing.stages.run_steps(stage.name, steps, store, progress)
         yield store
         store.remove()
 
 
 def _of_all(
-    read: Sequence[processing.NormalMapFile | processing.StoredNormals],
+    read: Sequence[processing.NormalMapFile | processing.maps.StoredNormals],
 ) -> tuple[tuple[rig.Notice, ...], tuple[Path, ...]]:
     """Return all notices and all files."""
     notices = tuple(notice for one in read for notice in one.warnings)

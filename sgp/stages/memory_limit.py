@@ -16,7 +16,7 @@ from sgp.results.hashes import input_hashes
 from sgp.results.result import plain
 
 
-def is_in_bands(memory: int | None, need: processing.Need) -> bool:
+def is_in_bands(memory: int | None, need: processing.stages.Need) -> bool:
     """Return whether a computation does not fit into memory.
 
     Parameters
@@ -29,7 +29,7 @@ def is_in_bands(memory: int | None, need: processing.Need) -> bool:
     UsageError
         If ``--memory`` is too small for bands, too. The message states the least.
     """
-    if need.whole <= rig.memory_budget(memory):
+    if need.whole <= rig.processes.memory_budget(memory):
         return False
     if memory is not None and memory < need.least:
         raise too_small(memory, need.of, need.least)
@@ -55,15 +55,15 @@ class Limit:
     path: Path
     force: bool
 
-    def must_be_stored(self, need: processing.Need) -> bool:
+    def must_be_stored(self, need: processing.stages.Need) -> bool:
         """Return whether the maps of a result belong into files.
 
         What is unfinished is continued, even if more memory is free now. Errors are those of
         `is_in_bands`.
         """
-        return is_in_bands(self.memory, need) or acquisition.is_unfinished(self.path)
+        return is_in_bands(self.memory, need) or acquisition.files.is_unfinished(self.path)
 
-    def check_whole(self, need: processing.Need, option: str) -> None:
+    def check_whole(self, need: processing.stages.Need, option: str) -> None:
         """Refuse an option that needs the complete maps if ``--memory`` is too small for them.
 
         Without a limit, perhaps there is enough.
@@ -75,18 +75,18 @@ class Limit:
             unfinished maps of another command.
         """
         if self.force:
-            acquisition.remove_unfinished(self.path)
+            acquisition.files.remove_unfinished(self.path)
         with other_maps_refused():
-            acquisition.check_unfinished(self.path, {"options": option})
+            acquisition.files.check_unfinished(self.path, {"options": option})
         if self.memory is not None and self.memory < need.whole:
             raise needs_maps(self.memory, need, option)
 
-    def bytes_of_bands(self, need: processing.Need) -> int:
+    def bytes_of_bands(self, need: processing.stages.Need) -> int:
         """Return the bytes for bands: the limit, or the least if even that is not free."""
-        return max(rig.memory_budget(self.memory), need.least)
+        return max(rig.processes.memory_budget(self.memory), need.least)
 
 
-def needs_maps(memory: int, need: processing.Need, option: str) -> UsageError:
+def needs_maps(memory: int, need: processing.stages.Need, option: str) -> UsageError:
     """Return the error of a limit that is too small for an option, which states what suffices."""
     return UsageError(
         f"--memory {size_text(memory)} is too small for {need.of} with {option}, which needs the "
@@ -107,7 +107,7 @@ def identity(parameters: Mapping[str, object], files: list[Path]) -> dict[str, o
     return {
         **plain(parameters),
         "inputs": [*input_hashes(files).values()],
-        "software version": acquisition.software_version(),
+        "software version": acquisition.files.software_version(),
     }
 
 
@@ -122,9 +122,9 @@ def other_maps_refused() -> Iterator[None]:
     """
     try:
         yield
-    except acquisition.DamagedMapsError as error:
+    except acquisition.files.DamagedMapsError as error:
         raise UsageError(f"{error.file}: {error.what}: add --force to begin again") from error
-    except acquisition.OtherMapsError as error:
+    except acquisition.files.OtherMapsError as error:
         raise UsageError(
             f"{error.folder} contains unfinished maps of a command that differs in {error.other}: "
             "repeat that command, choose another folder, or add --force to begin again"

@@ -34,7 +34,7 @@ class MapOptions:
     ) -> dict[str, Path]:
         """Write a map with its mask, and show the progress; return the files."""
         with Stages() as progress:
-            return processing.write_normal_rows(
+            return processing.maps.write_normal_rows(
                 folder, normals, mask, name, green=self.green_out, on_progress=progress
             )
 
@@ -59,7 +59,7 @@ class SeparationOptions:
         Half width of the filter window in pixels; sigma is w / 2.
     """
 
-    filter: processing.FilterKind = "gaussian"
+    filter: processing.detail.FilterKind = "gaussian"
     order: Order = 8
     w: Count = 5
 
@@ -67,9 +67,9 @@ class SeparationOptions:
         """Return the filter with these parameters."""
         return processing.ShapeFilter(self.filter, self.order, self.w)
 
-    def stage(self) -> processing.SeparationStage:
+    def stage(self) -> processing.detail.SeparationStage:
         """Return the separation with this filter."""
-        return processing.SeparationStage(self.shape_filter())
+        return processing.detail.SeparationStage(self.shape_filter())
 
 
 # What a command has by default.
@@ -176,6 +176,6 @@ class RelightOptions:
         for further computation).
     """
 
-    basis: processing.LightBasis = "ptm"
-    colours: processing.RelightColours = "lrgb"
-    values: processing.RelightValues = "display"
+    basis: processing.relight.LightBasis = "ptm"
+    colours: processing.relight.RelightColours = "lrgb"
+    values: processing.relight.RelightValues = "display"

@@ -114,7 +114,7 @@ def _highlights(
 ) -> Panel:
     """Return a map of the light above a matte surface, relative to the mean albedo."""
     white, above = _mean(albedo, mask), _mean(specular, mask)
-    percent = acquisition.ComputedRows(
+    percent = acquisition.files.ComputedRows(
         mask.shape, np.dtype(np.float32), lambda rows: 100 / white * specular[rows]
     )
     title = f"light above a matte surface, mean {100 * above / white:.2g} %"
@@ -135,7 +135,7 @@ def _residual(
         np.divide(100 * residual[rows], signal, out=found, where=mask[rows] & (signal > 0))
         return found
 
-    relative = acquisition.ComputedRows(mask.shape, np.dtype(np.float32), percent)
+    relative = acquisition.files.ComputedRows(mask.shape, np.dtype(np.float32), percent)
     middle = float(np.nanmedian(crop.picture(relative, mask)))
     title = f"residual, median {middle:.2g} %"
     return map_panel(title, relative, "% of the albedo", crop, error=True, mask=mask)
@@ -163,4 +163,4 @@ def _gray(values: Generic) -> Float32:
 
 def _bands(mask: Bool) -> list[slice]:
     height, width = mask.shape
-    return acquisition.rows_in_bands(height, width, _READ)
+    return acquisition.files.rows_in_bands(height, width, _READ)

@@ -161,7 +161,7 @@ def process(
     source, pixel_mm = with_scale(source, surfaces.pixel_mm)
     surfaces.sharpness()  # refuses wrong combinations before any work
     # Before the normals, which take long.
-    unit, pixel_size = processing.surface_scale(source.camera, pixel_mm)
+    unit, pixel_size = processing.surface.surface_scale(source.camera, pixel_mm)
     separation.shape_filter().check_size(source.size)
     records = StageRecords(out, files, source, options, maps, separation, surfaces)
 
@@ -200,7 +200,7 @@ def _normals(
     """Compute, write and draw the normals, and keep what the other stages need."""
     stage = compute_normals(source, options.stage(pixel_mm))
     normal_map = stage.normals
-    picture = processing.albedo_picture(stage.albedo, normal_map.mask)
+    picture = processing.colour.albedo_picture(stage.albedo, normal_map.mask)
     result = write(
         "normals",
         lambda folder: write_normals_stage(
@@ -226,7 +226,9 @@ def _detail(
     seen: _Normals, separation: SeparationOptions, maps: MapOptions, write: _Write
 ) -> list[Panel]:
     with Stages() as progress:
-        parts = processing.computed(separation.stage(), seen.normal_map, on_progress=progress)
+        parts = processing.stages.computed(
+            separation.stage(), seen.normal_map, on_progress=progress
+        )
     mask = seen.normal_map.mask
     write("detail", lambda folder: write_separation(folder, parts, mask, maps))
     return separation_panels(parts["shape"], parts["detail"], mask, seen.crop)

@@ -65,9 +65,9 @@ def open_source(
         lights = given_by.file
     if camera is not None:
         given_camera = acquisition.read_camera(camera, source.size)
-        doubts = acquisition.lens_notices(source, given_camera)
+        doubts = acquisition.source.lens_notices(source, given_camera)
         source = replace(source, camera=given_camera, warnings=(*source.warnings, *doubts))
-    parts = [] if flat is None else acquisition.flat_files(flat)
+    parts = [] if flat is None else acquisition.value_files.flat_files(flat)
     if flat is not None:
         source = _flattened(source, flat, max_pixels)
     given = (lights, camera, mask, *transfer_files(gamma), *parts, *others)
@@ -92,9 +92,9 @@ def open_sources(
 
 
 def _flattened(source: acquisition.Source, flat: Path, max_pixels: int) -> acquisition.Source:
-    read = acquisition.read_flat(flat, max_pixels=max_pixels)
+    read = acquisition.value_files.read_flat(flat, max_pixels=max_pixels)
     try:
-        return acquisition.apply_flat(source, read)
+        return acquisition.source.apply_flat(source, read)
     except acquisition.DataError as error:
         error.add_note(f"the flat is {flat}")
         raise
@@ -160,7 +160,9 @@ def open_recording(path: Path, options: RecordingOptions) -> Recording:
         max_pixels=options.max_pixels,
     )
     if options.sensor is not None:
-        source = acquisition.with_sensor(source, acquisition.read_sensor(options.sensor))
+        source = acquisition.source.with_sensor(
+            source, acquisition.value_files.read_sensor(options.sensor)
+        )
     left = len(source.light_ids)
     if options.excluded_by_name and left < _FEWEST_IMAGES:
         raise UsageError(
@@ -197,8 +199,8 @@ def with_scale(
 
 def compute_normals(
     source: acquisition.Source,
-    stage: processing.NormalsStage,
-    files: processing.MapFiles | None = None,
+    stage: processing.recording.NormalsStage,
+    files: processing.recording.MapFiles | None = None,
 ) -> processing.Reconstruction:
     """Compute normals and show the progress; a notice that an option answers names the option."""
     with Stages() as progress:

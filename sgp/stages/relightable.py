@@ -46,7 +46,7 @@ class Relightable:
         What must be reported about the source.
     """
 
-    fit: processing.RelightFit
+    fit: processing.relight.RelightFit
     fitted_to: Literal["images", "normals"]
     directions: Literal["distant", "surface", "plane"]
     lights: Float64
@@ -79,7 +79,7 @@ def fit_result(
     distant = found.record.parameters.get("distant") is True
     near = source.lights.near and not distant
     depth = found.depth if near else None
-    fit = processing.fit_recording(
+    fit = processing.relight.fit_recording(
         source,
         **vars(options),
         distant=distant,
@@ -106,7 +106,7 @@ def _of_normals(
     progress: rig.Progress,
 ) -> Relightable:
     albedo = found.folder / "albedo.exr"
-    fit = processing.fit_normals(
+    fit = processing.relight.fit_normals(
         normal_map,
         acquisition.read_image(albedo, max_pixels=max_pixels),
         **vars(options),
@@ -131,7 +131,7 @@ def write_relightable(
     """Write the files of a relightable image into a folder and return them with their figures."""
     image, residual = made.fit.image, made.fit.residual
     result = Result(warnings=made.notices)
-    files, stored = processing.write_rti_planes(
+    files, stored = processing.relight.write_rti_planes(
         folder, image, made.lights, quality=quality, recordings=about
     )
     result.outputs |= {path.stem: path for path in files}
@@ -159,7 +159,7 @@ def write_relightable(
     if image.basis == "ptm":
         added = _difference(
             image,
-            processing.write_ptm(result.file("ptm", folder / "relight.ptm"), image),
+            processing.relight.write_ptm(result.file("ptm", folder / "relight.ptm"), image),
             made.lights,
         )
         metrics["ptm_rms"], metrics["ptm_largest"] = added
@@ -173,8 +173,8 @@ def write_relightable(
 
 
 def _difference(
-    image: processing.RelightableImage,
-    stored: processing.RelightableImage,
+    image: processing.relight.RelightableImage,
+    stored: processing.relight.RelightableImage,
     lights: Float64,
 ) -> tuple[float, float]:
     """Return rms and largest deviation of shown values, 0 to 255, in some rows under some lights.
@@ -202,7 +202,7 @@ def _difference(
 
 def _draw(
     path: Path,
-    image: processing.RelightableImage,
+    image: processing.relight.RelightableImage,
     residual: Float32,
     mask: Bool,
     options: RelightOptions,

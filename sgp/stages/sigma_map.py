@@ -43,7 +43,7 @@ def read_sigma(
     path: Path,
     mask: Bool,
     max_pixels: int,
-    store: acquisition.BandStore | None = None,
+    store: acquisition.files.BandStore | None = None,
 ) -> SigmaMap:
     """Read standard deviations of normals in degrees, into a file next to maps if there are any."""
     common_deg = _common_deg(path)
@@ -51,19 +51,19 @@ def read_sigma(
         whole = acquisition.read_image(path, max_pixels=max_pixels)
         notices = _checked(path, whole, mask)
         return SigmaMap(_limited(whole), common_deg, notices)
-    with acquisition.ImageRows(path, max_pixels=max_pixels) as image:
+    with acquisition.pixels.ImageRows(path, max_pixels=max_pixels) as image:
         notices = _checked(path, image, mask)
         file = store.folder / "sigma.raw"
-        sigma = acquisition.BandFile(file, image.shape, np.dtype(np.float32))
+        sigma = acquisition.files.BandFile(file, image.shape, np.dtype(np.float32))
         store.close_with(sigma)
         height, width = mask.shape
-        for rows in acquisition.rows_in_bands(height, width, _READ):
+        for rows in acquisition.files.rows_in_bands(height, width, _READ):
             sigma[rows] = _limited(image[rows])
     return SigmaMap(sigma, common_deg, notices)
 
 
 def _limited(sigma_deg: AnyArray) -> Float32:
-    return np.minimum(sigma_deg.astype(np.float32), np.float32(processing.UNIFORM_DEG))
+    return np.minimum(sigma_deg.astype(np.float32), np.float32(processing.noise.UNIFORM_DEG))
 
 
 def _checked(path: Path, image: acquisition.MapRows, mask: Bool) -> list[rig.Notice]:
@@ -75,7 +75,7 @@ def _checked(path: Path, image: acquisition.MapRows, mask: Bool) -> list[rig.Not
             f"{width} x {height} pixels, the standard deviations of these normals in degrees"
         )
     unknown, known, count, largest = 0, False, 0, 0.0
-    for rows in acquisition.rows_in_bands(height, width, _READ):
+    for rows in acquisition.files.rows_in_bands(height, width, _READ):
         inside = image[rows][mask[rows]]
         if (inside < 0).any() or np.isinf(inside).any():
             raise _no_deviations(path)

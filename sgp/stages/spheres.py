@@ -78,7 +78,7 @@ def light_by_spheres(
     except calibration.EstimateError as error:
         advise_to_exclude(error)
         raise
-    estimate = calibration.record_setup(estimate, source)
+    estimate = calibration.spheres.record_setup(estimate, source)
     lit = calibration.apply_spheres(source, estimate)
     lights = estimate.lights if lit.lights is None else lit.lights
     return lit, SphereLights(source, estimate, lights, stack.brightest, estimate.warnings)
@@ -221,7 +221,7 @@ def draw_candidates(
     path: Path,
     source: acquisition.Source,
     brightest: Float32,
-    candidates: Sequence[calibration.SphereCandidate],
+    candidates: Sequence[calibration.spheres.SphereCandidate],
 ) -> None:
     """Write a picture of numbered circles that may be spheres, and why each was not used."""
     from sgp.pictures.lights import candidates_panel, reasons_panel

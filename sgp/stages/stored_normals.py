@@ -54,14 +54,14 @@ def normals_within(
         return identity({**given, "pixel_mm": pixel_mm}, files)
 
     if not are_normals_in_files(memory, source, stage):
-        if not force and acquisition.is_unfinished(path):
+        if not force and acquisition.files.is_unfinished(path):
             with other_maps_refused():
-                acquisition.check_unfinished(path, depends_on())
+                acquisition.files.check_unfinished(path, depends_on())
         yield compute_normals(source, stage)
-        acquisition.remove_unfinished(path)
+        acquisition.files.remove_unfinished(path)
         return
-    limit = max(rig.memory_budget(memory), stage.need(source).least)
-    in_files = processing.MapFiles(path, depends_on(), limit, force)
+    limit = max(rig.processes.memory_budget(memory), stage.need(source).least)
+    in_files = processing.recording.MapFiles(path, depends_on(), limit, force)
     with other_maps_refused():
         made = compute_normals(source, stage, in_files)
     if made.store is None:
@@ -72,7 +72,7 @@ def normals_within(
 
 
 def are_normals_in_files(
-    memory: int | None, source: acquisition.Source, stage: processing.NormalsStage
+    memory: int | None, source: acquisition.Source, stage: processing.recording.NormalsStage
 ) -> bool:
     """Return whether the maps do not fit into memory.
 
@@ -84,7 +84,7 @@ def are_normals_in_files(
     need = stage.need(source)
     if not stage.needs_whole:
         return is_in_bands(memory, need)
-    if memory is not None and need.whole > rig.memory_budget(memory):
+    if memory is not None and need.whole > rig.processes.memory_budget(memory):
         option = "--semi-calibrated" if stage.semi_calibrated else f"--channel {stage.channel}"
         raise needs_maps(memory, need, option)
     return False  # without a limit, perhaps there is enough

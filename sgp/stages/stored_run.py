@@ -96,7 +96,7 @@ def processed_within(
     """
     scaled, pixel_mm = with_scale(source, given.surfaces.pixel_mm)
     in_files, lines = _ways(memory, scaled, given)
-    in_files |= acquisition.is_unfinished(out / "summary")
+    in_files |= acquisition.files.is_unfinished(out / "summary")
     if not in_files:
         _state(lines if memory is not None else [])
         yield process(
@@ -112,7 +112,7 @@ def processed_within(
         return
     # Wrong combinations are refused before any work.
     given.surfaces.sharpness()
-    scale = processing.surface_scale(scaled.camera, pixel_mm)
+    scale = processing.surface.surface_scale(scaled.camera, pixel_mm)
     given.separation.shape_filter().check_size(scaled.size)
     options = {
         name: value
@@ -124,9 +124,9 @@ def processed_within(
     forms = dict.fromkeys(_KEPT, (scaled.size, np.float32))
     with other_maps_refused():
         if not force:
-            acquisition.check_unfinished(out / "summary", depends_on)
+            acquisition.files.check_unfinished(out / "summary", depends_on)
         _state(lines)
-        store = acquisition.BandStore(out / "summary", depends_on, forms, replace=force)
+        store = acquisition.files.BandStore(out / "summary", depends_on, forms, replace=force)
     with store:
         run = _Run(memory, scaled, pixel_mm, files, out, given, force, store)
         try:
@@ -152,7 +152,7 @@ def _ways(
     )
     surface = run_surface_way(memory, source, given.surfaces)
     held = _HELD * source.size[0] * source.size[1]
-    fits = max(need.whole, surface.memory) + held <= rig.memory_budget(memory)
+    fits = max(need.whole, surface.memory) + held <= rig.processes.memory_budget(memory)
     normals, detail = ("in bands of rows" if found else "as a whole" for found in banded)
     lines = [f"normals {normals}, detail {detail}", surface.line()]
     return any(banded) or surface.rows is not None or not fits, lines
@@ -170,7 +170,7 @@ def run_surface_way(
     return SurfaceWay.within(
         memory,
         source.size,
-        processing.SurfaceStage(source.camera is not None, True),
+        processing.surface.SurfaceStage(source.camera is not None, True),
         stl=options.stl,
         whole_for=[name for name, asked in options.whole_surface().items() if asked],
     )
@@ -188,7 +188,7 @@ class _Run:
         out: Path,
         given: RunOptions,
         force: bool,
-        store: acquisition.BandStore,
+        store: acquisition.files.BandStore,
     ) -> None:
         self._memory, self._source, self._pixel_mm = memory, source, pixel_mm
         self._files, self._out, self._given, self._force = files, out, given, force
@@ -209,7 +209,7 @@ class _Run:
             with watch.stage(name):
                 results[name] = self._kept(name) or compute()
             # What a kill left after the stage was complete.
-            acquisition.remove_unfinished(self._out / name / name)
+            acquisition.files.remove_unfinished(self._out / name / name)
             self.records.merge(name, results[name])
         return results
 
@@ -219,11 +219,11 @@ class _Run:
 
             def rows(stage: str, name: str) -> acquisition.MapRows:
                 path, most = results[stage].outputs[name], self._given.source.max_pixels
-                return opened.enter_context(acquisition.ImageRows(path, max_pixels=most))
+                return opened.enter_context(acquisition.pixels.ImageRows(path, max_pixels=most))
 
             metrics = cast("NormalsMetrics", results["normals"].metrics)
             lights = cast("acquisition.Lights", self._source.lights)
-            used = rig.parse_json(rig.read_bounded(self._store.folder / "images.json"))["ids"]
+            used = rig.files.parse_json(rig.read_bounded(self._store.folder / "images.json"))["ids"]
             mask = acquisition.read_mask(results["normals"].outputs["mask"], self._source.size)
             crop = Crop.around(mask, pixel_size if unit == "mm" else None)
             drawn = {name: rows("normals", name) for name in DRAWN} | dict(self._store)
@@ -253,7 +253,9 @@ class _Run:
     def _kept(self, name: str) -> Result | None:
         """Return the result of a stage that is complete, and whose files are as it left them."""
         try:
-            content: Any = rig.parse_json(rig.read_bounded(self._store.folder / f"{name}.json"))
+            content: Any = rig.files.parse_json(
+                rig.read_bounded(self._store.folder / f"{name}.json")
+            )
         except (FileNotFoundError, rig.UnreadableError):
             return None
         folder = self._out / name
@@ -315,7 +317,7 @@ class _Run:
             if stage.error is not None:
                 kept["error"] = stage.error.map_deg
             height, width = self._source.size
-            for rows in acquisition.rows_in_bands(height, width, _READ):
+            for rows in acquisition.files.rows_in_bands(height, width, _READ):
                 for name, values in kept.items():
                     self._store[name][rows] = values[rows]
             for file in self._store.values():

@@ -59,7 +59,7 @@ class SurfaceWay:
         cls,
         memory: int | None,
         size: tuple[int, int],
-        stage: processing.SurfaceStage,
+        stage: processing.surface.SurfaceStage,
         *,
         stl: bool,
         whole_for: list[str],
@@ -94,7 +94,7 @@ class SurfaceWay:
             )
         if whole_for or not is_in_bands(memory, need) or need.least == need.whole:
             return cls(size, None, need.whole)
-        rows, used = stage.blocks(size, max(rig.memory_budget(memory), need.least))
+        rows, used = stage.blocks(size, max(rig.processes.memory_budget(memory), need.least))
         per_pixel = _TEMPORARY + _FILES + stl * _STL_FILE
         per_pixel += stage.perspective * _CAMERA_FILES + stage.weighted * _SIGMA_FILES
         return cls(size, rows, used, size[0] * size[1] * per_pixel)
@@ -181,7 +181,9 @@ def integrated(
         def image(path: Path) -> acquisition.MapRows:
             if store is None:
                 return acquisition.read_image(path, max_pixels=inputs.max_pixels)
-            return opened.enter_context(acquisition.ImageRows(path, max_pixels=inputs.max_pixels))
+            return opened.enter_context(
+                acquisition.pixels.ImageRows(path, max_pixels=inputs.max_pixels)
+            )
 
         read, normals = _read(inputs, store)
         notices = [*read.warnings]
@@ -203,7 +205,7 @@ def integrated(
         prior = None if inputs.prior is None else _prior(inputs, way.size, *inputs.prior)
         with Stages() as progress:
             if store is not None and way.rows is not None:
-                surface = processing.integrate_in_blocks(
+                surface = processing.surface.integrate_in_blocks(
                     normals,
                     store,
                     rows=way.rows,
@@ -243,7 +245,7 @@ def integrated(
             maps=store,
         )
         if store is None:
-            acquisition.remove_unfinished(out / "surface")
+            acquisition.files.remove_unfinished(out / "surface")
         result.warnings = [*notices, *result.warnings]
         result.inputs = [*read.files]
         if prior is not None:
@@ -254,33 +256,35 @@ def integrated(
 def _prior(
     inputs: SurfaceInputs, size: tuple[int, int], path: Path, sigma: float | None
 ) -> processing.HeightPrior:
-    unit, pixel_size = processing.surface_scale(inputs.camera, inputs.pixel_mm)
+    unit, pixel_size = processing.surface.surface_scale(inputs.camera, inputs.pixel_mm)
     known = pixel_size if sigma is None else sigma
-    return processing.read_prior(path, size, unit=unit, sigma=known, max_pixels=inputs.max_pixels)
+    return processing.surface.read_prior(
+        path, size, unit=unit, sigma=known, max_pixels=inputs.max_pixels
+    )
 
 
 @contextmanager
 def _store(
     inputs: SurfaceInputs, way: SurfaceWay, out: Path, *, force: bool
-) -> Iterator[acquisition.BandStore]:
+) -> Iterator[acquisition.files.BandStore]:
     """Provide the maps of a surface in blocks, which are removed if the block ends well."""
     depends_on, path = _identity(inputs), out / "surface"
     with other_maps_refused():
         if not force:
-            acquisition.check_unfinished(path, depends_on)
+            acquisition.files.check_unfinished(path, depends_on)
         place = next(folder for folder in (out, *out.absolute().parents) if folder.exists())
         free = shutil.disk_usage(place).free
-        if free < way.disk and not acquisition.is_unfinished(path):
+        if free < way.disk and not acquisition.files.is_unfinished(path):
             raise acquisition.StorageError(
                 f"{out}: the surface needs about {size_text(way.disk)} of disk while it is "
                 f"computed, {size_text(free)} are free: free space, or choose another disk"
             )
-        stage = processing.SurfaceStage(inputs.camera is not None)
+        stage = processing.surface.SurfaceStage(inputs.camera is not None)
         forms = stage.forms(way.size)
-        with acquisition.BandStore(path, depends_on, forms, replace=force) as store:
+        with acquisition.files.BandStore(path, depends_on, forms, replace=force) as store:
             try:
                 yield store
-            except acquisition.DamagedMapsError:
+            except acquisition.files.DamagedMapsError:
                 raise
             except (acquisition.DataError, calibration.EstimateError, UsageError):
                 # These inputs have no surface: there is nothing to continue.
@@ -305,10 +309,10 @@ def _identity(inputs: SurfaceInputs) -> dict[str, object]:
 
 
 def _read(
-    inputs: SurfaceInputs, store: acquisition.BandStore | None
+    inputs: SurfaceInputs, store: acquisition.files.BandStore | None
 ) -> tuple[
-    processing.NormalMapFile | processing.StoredNormals,
-    processing.NormalMap | processing.StoredNormals,
+    processing.NormalMapFile | processing.maps.StoredNormals,
+    processing.NormalMap | processing.maps.StoredNormals,
 ]:
     """Read the normals into memory, or into a file next to the maps."""
     given, most = inputs.normals, inputs.max_pixels
@@ -319,7 +323,7 @@ def _read(
     with Stages() as progress:
         progress("reading normals", 0, 1)
         file = store.folder / "normals.raw"
-        stored = processing.store_normals(given, file, green=inputs.green, max_pixels=most)
+        stored = processing.maps.store_normals(given, file, green=inputs.green, max_pixels=most)
         progress("reading normals", 1, 1)
     store.close_with(stored.normals)
     return stored, stored
@@ -339,13 +343,13 @@ def _masked(path: Path, known: Bool, normals: Path) -> tuple[Bool, list[rig.Noti
 
 
 def _only(
-    given: processing.NormalMap | processing.StoredNormals, inside: Bool
-) -> processing.NormalMap | processing.StoredNormals:
+    given: processing.NormalMap | processing.maps.StoredNormals, inside: Bool
+) -> processing.NormalMap | processing.maps.StoredNormals:
     """Return the normals inside a mask; a file is changed."""
     if isinstance(given, processing.NormalMap):
         return processing.NormalMap(given.normals * inside[..., None], inside)
     height, width = inside.shape
-    for rows in acquisition.rows_in_bands(height, width, _READ):
+    for rows in acquisition.files.rows_in_bands(height, width, _READ):
         given.normals[rows] = given.normals[rows] * inside[rows][..., None]
     return given._replace(mask=inside)
 
@@ -361,20 +365,20 @@ def _colours(path: Path, image: acquisition.MapRows, mask: Bool) -> acquisition.
     if image.dtype == kind:
         return image
     if image.dtype == np.uint16:
-        samples = acquisition.ComputedRows(
+        samples = acquisition.files.ComputedRows(
             image.shape, kind, lambda rows: np.rint(image[rows] / 257).astype(kind)
         )
     else:
-        white = processing.albedo_white(image, mask)
-        samples = acquisition.ComputedRows(
+        white = processing.colour.albedo_white(image, mask)
+        samples = acquisition.files.ComputedRows(
             image.shape,
             kind,
-            lambda rows: processing.albedo_samples(image[rows], mask[rows], white),
+            lambda rows: processing.colour.albedo_samples(image[rows], mask[rows], white),
         )
     if not isinstance(image, np.ndarray):
         return samples
     painted = np.zeros(image.shape, kind)
-    for rows in acquisition.rows_in_bands(height, width, _READ):
+    for rows in acquisition.files.rows_in_bands(height, width, _READ):
         painted[rows] = samples[rows]
     return painted
 

@@ -27,7 +27,7 @@ def write_normals_stage(
     folder: Path,
     stage: processing.Reconstruction,
     maps: MapOptions = MAPS,
-    picture: processing.AlbedoPicture | None = None,
+    picture: processing.colour.AlbedoPicture | None = None,
     *,
     command: str,
     files: list[Path],
@@ -82,22 +82,24 @@ def write_normals_stage(
 
 def _as_float(values: acquisition.MapRows) -> acquisition.MapRows:
     kind = np.dtype(np.float32)
-    return acquisition.ComputedRows(values.shape, kind, lambda rows: values[rows].astype(kind))
+    return acquisition.files.ComputedRows(
+        values.shape, kind, lambda rows: values[rows].astype(kind)
+    )
 
 
 def _write_albedo(
     path: Path,
     albedo: acquisition.MapRows,
     mask: Bool,
-    picture: processing.AlbedoPicture | None,
+    picture: processing.colour.AlbedoPicture | None,
 ) -> float:
     """Write the albedo as a picture, and return the albedo at white."""
     if picture is None:
-        white = processing.albedo_white(albedo, mask)
-        pixels: acquisition.MapRows = acquisition.ComputedRows(
+        white = processing.colour.albedo_white(albedo, mask)
+        pixels: acquisition.MapRows = acquisition.files.ComputedRows(
             albedo.shape,
             np.dtype(np.uint8),
-            lambda rows: processing.albedo_samples(albedo[rows], mask[rows], white),
+            lambda rows: processing.colour.albedo_samples(albedo[rows], mask[rows], white),
         )
     else:
         pixels, white = picture
@@ -109,7 +111,7 @@ def _write_albedo(
 def _residual_rms(stage: processing.Reconstruction) -> float:
     residual = stage.maps["residual"]
     height, width = residual.shape
-    bands = acquisition.rows_in_bands(height, width, _READ)
+    bands = acquisition.files.rows_in_bands(height, width, _READ)
     # Sums of rows do not depend on the bands; the residual is 0 where there is no normal.
     of_rows = [np.square(residual[rows], dtype=np.float64).sum(axis=1) for rows in bands]
     return float(np.sqrt(np.concatenate(of_rows).sum() / np.count_nonzero(stage.valid)))
@@ -127,7 +129,7 @@ def _height_line(metrics: NormalsMetrics) -> list[str]:
     ]
 
 
-def _strength_line(strengths: processing.LightStrengths | None) -> list[str]:
+def _strength_line(strengths: processing.checks.LightStrengths | None) -> list[str]:
     if strengths is None:
         return []
     factors = strengths.factors
@@ -168,7 +170,7 @@ def normals_metrics(stage: processing.Reconstruction) -> NormalsMetrics:
 
 def write_separation(
     folder: Path,
-    parts: acquisition.Maps,
+    parts: acquisition.files.Maps,
     mask: Bool,
     maps: MapOptions = MAPS,
 ) -> Result:
@@ -178,7 +180,7 @@ def write_separation(
         for name in ("shape", "detail")
         for key, path in maps.write(folder, parts[name], mask, name).items()
     }
-    separability = processing.SeparationStage.separability_deg(parts, mask)
+    separability = processing.detail.SeparationStage.separability_deg(parts, mask)
     return Result(
         outputs=outputs,
         metrics=SeparationMetrics(separability_deg=separability),

@@ -17,7 +17,7 @@ _SATURATED = 4
 _PRINTED = (1, 10, 100)
 
 
-def write_curl(folder: Path, curl: processing.NormalCurl) -> Path:
+def write_curl(folder: Path, curl: processing.surface.NormalCurl) -> Path:
     """Write curl.png: white without curl, red positive, blue negative, black outside."""
     limit = max(_SATURATED * np.nan_to_num(curl.spread_deg), 0.1)
 
@@ -35,7 +35,7 @@ def write_curl(folder: Path, curl: processing.NormalCurl) -> Path:
     path = folder / "curl.png"
     text = f"curl of the normals, red positive, blue negative, saturated at {limit:.3g} degrees"
     shape = (*curl.curl_deg.shape, 3)
-    pixels = acquisition.ComputedRows(shape, np.dtype(np.uint8), colours)
+    pixels = acquisition.files.ComputedRows(shape, np.dtype(np.uint8), colours)
     acquisition.write_png(path, pixels, srgb=True, description=text)
     return path
 

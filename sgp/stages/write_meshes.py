@@ -20,7 +20,7 @@ SOLID = "solid.stl"
 def write_meshes(
     folder: Path,
     height_map: processing.HeightMap,
-    normal_map: processing.NormalRows,
+    normal_map: processing.stages.NormalRows,
     options: SurfaceOptions,
     colours: acquisition.MapRows | None,
 ) -> tuple[dict[str, Path], MeshMetrics, list[rig.Notice]]:
@@ -50,9 +50,9 @@ def write_meshes(
 
 
 def _simplified(
-    mesh: processing.Mesh,
+    mesh: processing.meshes.Mesh,
     height_map: processing.HeightMap,
-    normal_map: processing.NormalRows,
+    normal_map: processing.stages.NormalRows,
     triangles: int | None,
 ) -> tuple[MeshMetrics, list[rig.Notice]]:
     """Return how far a mesh with fewer triangles is from the surface, where both are seen."""

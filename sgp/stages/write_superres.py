@@ -31,7 +31,7 @@ def write_superres_maps(out: Path, made: processing.SuperResolution) -> dict[str
         samples: AnyArray = np.rint(made.maps["invented"][rows] * 255).astype(np.uint8)
         return samples
 
-    pixels = acquisition.ComputedRows(made.mask.shape, np.dtype(np.uint8), shares)
+    pixels = acquisition.files.ComputedRows(made.mask.shape, np.dtype(np.uint8), shares)
     acquisition.write_png(outputs["invented"], pixels)
     if "sigma_deg" in made.maps:
         outputs["normal_sigma_deg"] = out / "normal_sigma_deg.exr"
@@ -64,7 +64,7 @@ def measure_superres(made: processing.SuperResolution, result: Result) -> None:
 
 
 def write_superres_picture(
-    path: Path, name: str, made: processing.SuperResolution, low: processing.NormalRows
+    path: Path, name: str, made: processing.SuperResolution, low: processing.stages.NormalRows
 ) -> None:
     """Draw the part to which most was added at its own resolution, and the maps."""
     mask, maps, scale = made.mask, made.maps, made.scale
@@ -93,7 +93,7 @@ def write_superres_picture(
 
 
 def _interpolated(
-    made: processing.SuperResolution, low: processing.NormalRows, part: Crop
+    made: processing.SuperResolution, low: processing.stages.NormalRows, part: Crop
 ) -> tuple[processing.NormalMap, Crop]:
     """Return the bicubic interpolation of the surroundings of a part, and the part in it."""
     scale = made.scale

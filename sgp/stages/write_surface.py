@@ -25,12 +25,12 @@ _READ = 4_000_000
 def write_surface(
     folder: Path,
     surface: processing.HeightMap,
-    normal_map: processing.NormalRows,
+    normal_map: processing.stages.NormalRows,
     options: SurfaceOptions = _SURFACE,
     *,
     colours: acquisition.MapRows | None = None,
     sigma_deg: acquisition.MapRows | None = None,
-    maps: acquisition.Maps | None = None,
+    maps: acquisition.files.Maps | None = None,
 ) -> Result:
     """Write height as .exr and .png, depth.exr if there is a depth, doubts, mask and meshes.
 
@@ -64,7 +64,7 @@ def write_surface(
         warnings=[
             *surface.warnings,
             *_scale_notice(surface),
-            *processing.curl_notices(curl, surface),
+            *processing.surface.curl_notices(curl, surface),
         ]
     )
     result.outputs = {"height": folder / "height.exr", "mask": folder / "mask.png"}
@@ -113,7 +113,7 @@ def _mean(values: acquisition.MapRows) -> float:
     """Return the mean of values that are not NaN; sums of rows do not depend on bands."""
     height, width = values.shape
     sums, count = [], 0
-    for rows in acquisition.rows_in_bands(height, width, _READ):
+    for rows in acquisition.files.rows_in_bands(height, width, _READ):
         part = values[rows]
         sums.append(np.nansum(part, axis=1, dtype=np.float64))
         count += int(np.count_nonzero(np.isfinite(part)))
@@ -144,7 +144,7 @@ def _lines(surface: processing.HeightMap, metrics: SurfaceMetrics) -> list[str]:
 
 
 def _write_height_picture(path: Path, surface: processing.HeightMap, result: Result) -> None:
-    picture = processing.height_picture(surface)
+    picture = processing.surface.height_picture(surface)
     stated = f"{picture.base:.9g} + {picture.step:.9g} * sample"
     description = f"height in {surface.unit} = {stated}; sample 0: no height"
     acquisition.write_png(path, picture.pixels, description=description)

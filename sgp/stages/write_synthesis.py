@@ -41,17 +41,19 @@ class Synthesised:
     mask: Bool
     measured: processing.NormalMap
     patch: int
-    steps: processing.CutSteps
+    steps: processing.synthesis.CutSteps
 
     @classmethod
-    def in_memory(cls, made: processing.Synthesis | processing.TargetSynthesis) -> Synthesised:
+    def in_memory(
+        cls, made: processing.Synthesis | processing.synthesis.TargetSynthesis
+    ) -> Synthesised:
         """Return a detail in memory."""
         detail = made.detail
         return cls(detail.normals, detail.mask, detail, made.patch, made.steps)
 
     @classmethod
     def of_sheet(
-        cls, stage: processing.SynthesisStage, maps: Mapping[str, acquisition.MapRows]
+        cls, stage: processing.synthesis.SynthesisStage, maps: Mapping[str, acquisition.MapRows]
     ) -> Synthesised:
         """Return a sheet, of which the middle is measured."""
         middle = stage.middle(maps)
@@ -63,7 +65,7 @@ def measure_texture(
     detail: Synthesised, exemplar: processing.NormalMap, result: Result
 ) -> SynthesisMetrics:
     """Compare synthesised detail with its exemplar, add the summary, and return the figures."""
-    figures = processing.texture_figures(detail.measured, exemplar, patch=detail.patch)
+    figures = processing.synthesis.texture_figures(detail.measured, exemplar, patch=detail.patch)
     # Each figure is computed when it is first used.
     named = [name for name in SynthesisMetrics.__annotations__ if hasattr(type(figures), name)]
     for name in shown("measuring", named):
@@ -90,7 +92,7 @@ def measure_texture(
 
 
 def measure_transfer(
-    made: processing.TargetSynthesis,
+    made: processing.synthesis.TargetSynthesis,
     shape: processing.NormalMap,
     normals: processing.NormalMap,
     shape_filter: processing.ShapeFilter,
@@ -99,7 +101,7 @@ def measure_transfer(
     """Separate the result again, add to the summary, and return the figures."""
     with Stages() as progress:
         again = processing.separate(normals, shape_filter=shape_filter, on_progress=progress)
-    fidelity = processing.TransferFidelity(shape, made.detail, again)
+    fidelity = processing.detail.TransferFidelity(shape, made.detail, again)
     pair = (fidelity.result.detail, fidelity.detail)
     result.summary += [
         f"shape error    {fidelity.shape_mae_deg:.2f} deg, detail error "

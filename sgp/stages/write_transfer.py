@@ -41,13 +41,13 @@ class Transferred:
     mask: Bool
     shape_error_deg: acquisition.MapRows
     detail_error_deg: acquisition.MapRows
-    figures: processing.TransferFigures
-    placement: processing.Placement | None
+    figures: processing.detail.TransferFigures
+    placement: processing.detail.Placement | None
     warnings: tuple[rig.Notice, ...]
     files: tuple[Path, ...]
 
     @classmethod
-    def of_stage(cls, stage: processing.TransferStage, made: StageMaps) -> Transferred:
+    def of_stage(cls, stage: processing.detail.TransferStage, made: StageMaps) -> Transferred:
         """Return the result of a transfer."""
         source, target = (given.mask for given in made.inputs)
         return cls(
@@ -64,7 +64,7 @@ class Transferred:
     @classmethod
     def of_part(
         cls,
-        done: processing.LocalTransferResult,
+        done: processing.detail.LocalTransferResult,
         source: processing.NormalMapFile,
         target: processing.NormalMapFile,
         on_progress: rig.Progress,
@@ -81,7 +81,7 @@ class Transferred:
             on_progress("measuring errors", 2 + len(similar), steps)
             similar.append(processing.ssim(*pair, protocol="paper"))
             on_progress("measuring errors", 2 + len(similar), steps)
-        figures = processing.TransferFigures(
+        figures = processing.detail.TransferFigures(
             shape_mae_deg=own.shape_mae_deg,
             detail_mae_deg=own.detail_mae_deg,
             shape_mae_deg_paper=paper.shape_mae_deg,

@@ -40,7 +40,7 @@ def claim_work(folder: Path, task: Task) -> None:
     try:
         same = rig.read_bounded(noted) == content
     except FileNotFoundError:
-        if any(not acquisition.is_part_file(path) for path in folder.iterdir()):
+        if any(not acquisition.files.is_part_file(path) for path in folder.iterdir()):
             raise UsageError(
                 f"{folder} is not the working folder of a training: give another --out"
             ) from None
@@ -63,13 +63,13 @@ def remove_work(folder: Path) -> None:
     StorageError
         If a file cannot be removed.
     """
-    acquisition.remove_part_files(folder)
+    acquisition.files.remove_part_files(folder)
     try:
         for path in [*folder.glob("*.npy"), folder / "checkpoint.pt", folder / _TASK]:
             path.unlink(missing_ok=True)
         folder.rmdir()
     except OSError as error:
-        raise acquisition.storage_error(folder, "remove", error) from error
+        raise acquisition.files.storage_error(folder, "remove", error) from error
 
 
 def network_model(
@@ -94,7 +94,7 @@ def write_network(model: processing.SuperResolutionModel, task: Task, judgement:
     out = model.path
     description = out.with_suffix(".json")
     text = f"{dumps(_description(model, task, judgement))}\n"
-    with acquisition.staged(out.parent) as place:
+    with acquisition.files.staged(out.parent) as place:
         acquisition.write_durably(place / out.name, model.data)
         acquisition.write_durably(place / description.name, text.encode())
     return description
@@ -125,8 +125,8 @@ def _description(
             "deviations": f"measured on seeds {CORRECTED[0]} to {CORRECTED[-1]}",
             "held_out": {"seeds": f"{HELD_OUT[0]} to {HELD_OUT[-1]}", **asdict(judgement)},
             "software": {
-                "name": acquisition.SOFTWARE,
-                "version": acquisition.software_version(),
+                "name": acquisition.files.SOFTWARE,
+                "version": acquisition.files.software_version(),
                 "torch": torch.__version__,
                 "onnx": onnx.__version__,
             },

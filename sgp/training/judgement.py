@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
+import acquisition
 import processing
 import rig
 import simulator
@@ -29,7 +30,7 @@ def surface(seed: int, side: int, scale: int) -> Float32:
         Scale of the network.
     """
     rugged = scale in RUGGED_SCALES and seed % 2
-    make = simulator.rugged_normals if rugged else simulator.random_normals
+    make = simulator.reliefs.rugged_normals if rugged else simulator.random_normals
     return make(seed, side)
 
 
@@ -117,13 +118,13 @@ def measure(
     on_progress(name, 0, len(seeds))
     for done, seed in enumerate(seeds, 1):
         truth = processing.NormalMap.from_vectors(surface(seed, side, model.scale))
-        low = processing.low_resolution(truth, model.scale)
+        low = processing.superres.low_resolution(truth, model.scale)
         plain = processing.super_resolve(low, model.scale, method="bicubic", mask=truth.mask)
         made = processing.super_resolve(
             low, model.scale, model=model, self_ensemble=self_ensemble, mask=truth.mask
         )
-        angles = processing.angle_deg(made.normal_map.normals, truth.normals)
-        bicubic = processing.angle_deg(plain.normal_map.normals, truth.normals)
+        angles = acquisition.angle_deg(made.normal_map.normals, truth.normals)
+        bicubic = acquisition.angle_deg(plain.normal_map.normals, truth.normals)
         means.append((float(bicubic.mean()), float(angles.mean())))
         if made.sigma_deg is not None:  # it is, with a network
             predicted.append(made.sigma_deg[::_EVERY, ::_EVERY].ravel())
@@ -144,7 +145,7 @@ def judged(measured: Measured) -> Judgement:
     return Judgement(measured.bicubic_deg, measured.network_deg, ratios)
 
 
-def fitted_deviations(measured: Measured) -> processing.Deviations | None:
+def fitted_deviations(measured: Measured) -> processing.superres.Deviations | None:
     """Return the actual deviations of parts of the pixels with similar predictions.
 
     None if all predictions are the same, as those of a network without training.
@@ -161,7 +162,7 @@ def fitted_deviations(measured: Measured) -> processing.Deviations | None:
             actual.append(max(_rms(measured.actual_deg[first:last]), least))
     if len(predicted) < 2:
         return None
-    return processing.Deviations(tuple(predicted), tuple(actual))
+    return processing.superres.Deviations(tuple(predicted), tuple(actual))
 
 
 def _rms(values: Floating) -> float:

@@ -66,7 +66,7 @@ def pair(normals: Float32, scale: int, domain: Domain) -> tuple[Float32, Float32
     parts = processing.separate(processing.NormalMap.from_vectors(low))
     size = normals.shape[1::-1]
     shape = cv2.resize(parts.shape.normals, size, interpolation=cv2.INTER_CUBIC)
-    high = processing.relative_detail(
+    high = processing.detail.relative_detail(
         processing.NormalMap.from_vectors(normals), processing.NormalMap.from_vectors(shape)
     )
     return parts.detail.normals, high.normals

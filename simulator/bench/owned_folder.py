@@ -82,7 +82,7 @@ def remove_abandoned(prefix: str, where: Path) -> None:
     --------
     >>> import tempfile
     >>> from pathlib import Path
-    >>> from simulator import remove_abandoned
+    >>> from simulator.bench import remove_abandoned
     >>> remove_abandoned("my-bench-", Path(tempfile.gettempdir()))
     """
     if fcntl is None:

@@ -10,7 +10,8 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Literal
 
-from rig import CameraError, CameraFrame, CameraInfo, FrameTimeoutError, Trigger
+from rig import CameraError, CameraFrame, CameraInfo, FrameTimeoutError
+from rig.camera import Trigger
 from simulator.bench.state import BenchState
 from simulator.bench.wiring import Planes
 from simulator.camera.sensor import ImageFormation, pixel_format

@@ -7,14 +7,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Literal, get_args
 
-from rig import (
-    MAX_COMMAND,
-    Command,
-    LineError,
-    decode_command,
-    decode_reply,
-    encode_command,
-)
+from rig.board import MAX_COMMAND, Command, LineError, decode_command, decode_reply, encode_command
 from simulator.led_board.firmware import BoardFirmware
 from simulator.led_board.outputs import BoardOutputs
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from rig import (
+from rig.board import (
     MAX_COMMAND,
     NO_LED,
     PROTOCOL_VERSION,

@@ -9,7 +9,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Literal
 
-from rig import Step
+from rig.board import Step
 from simulator.bench.state import FULL_LEVEL, NEVER_NS, ExposurePeriod
 from simulator.led_board.outputs import ActiveInput, BoardOutputs, Light
 

@@ -10,7 +10,8 @@ import subprocess
 from pathlib import Path
 from typing import Self
 
-from rig import RigError, module_command
+from rig import RigError
+from rig.processes import module_command
 from simulator.led_board.faults import BoardFault, faults_to_json
 
 _START_TIMEOUT_S = 30.0

@@ -67,7 +67,7 @@ def random_relief(seed: int, size: int = 240) -> Float64:
     Examples
     --------
     >>> import simulator
-    >>> simulator.random_relief(3, size=64).shape
+    >>> simulator.reliefs.random_relief(3, size=64).shape
     (64, 64)
     """
     random = random_source(_STREAM, seed, size)
@@ -196,7 +196,7 @@ def rugged_normals(seed: int, size: int = 240) -> Float32:
     Examples
     --------
     >>> import simulator
-    >>> simulator.rugged_normals(3, size=64).shape
+    >>> simulator.reliefs.rugged_normals(3, size=64).shape
     (64, 64, 3)
     """
     random = random_source(_RUGGED_STREAM, seed, size)

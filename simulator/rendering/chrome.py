@@ -76,7 +76,8 @@ def find_mirrored_lights(scene: Scene, occluders: Occluders | None = None) -> Mi
 
     Examples
     --------
-    >>> from simulator import find_mirrored_lights, scene_named
+    >>> from simulator import scene_named
+    >>> from simulator.rendering import find_mirrored_lights
     >>> scene = scene_named("spheres", width=64, height=52, leds=3)
     >>> find_mirrored_lights(scene).pixels.shape  # spheres, lights, x and y
     (4, 3, 2)

@@ -107,7 +107,8 @@ def cramer_rao_deg(
     --------
     >>> import numpy as np
     >>> from acquisition import Lights
-    >>> from simulator import Measurement, bench_sensor, cramer_rao_deg
+    >>> from simulator import bench_sensor
+    >>> from simulator.rendering import Measurement, cramer_rao_deg
     >>> lights = Lights(directions=[[1, 0, 1], [0, 1, 1], [-1, -1, 1]])
     >>> measured = Measurement(bench_sensor(), photons_per_us=1.0, exposures_us=[5000.0] * 3)
     >>> normals = np.tile([0.0, 0.0, 1.0], (1, 1, 1))

@@ -12,9 +12,11 @@ from typing import Self
 
 import numpy as np
 
-from acquisition import BandFile, ComputedRows, DataError, MapRows, StorageError, storage_error
-from rig import Progress, memory_of_computer, no_progress
+from acquisition import DataError, MapRows, StorageError
+from acquisition.files import BandFile, ComputedRows, storage_error
+from rig import Progress, no_progress
 from rig.arrays import Bool, Float64
+from rig.processes import memory_of_computer
 from simulator.rendering.blur import blur_reach
 from simulator.rendering.canvas import POINTS, Canvas
 from simulator.rendering.chrome import MirroredLights, find_mirrored_lights
@@ -178,7 +180,8 @@ def render_stored(
 
     Examples
     --------
-    >>> from simulator import render_stored, scene_named
+    >>> from simulator import scene_named
+    >>> from simulator.rendering import render_stored
     >>> with render_stored(scene_named("coin", width=64, height=52, leds=4), ".") as stored:
     ...     stored.plane(2)[10:12].shape, stored.maps["normals"].shape
     ((2, 64), (52, 64, 3))
@@ -373,7 +376,8 @@ def rendering_bytes(scene: Scene) -> int:
 
     Examples
     --------
-    >>> from simulator import rendering_bytes, scene_named
+    >>> from simulator import scene_named
+    >>> from simulator.rendering import rendering_bytes
     >>> rendering_bytes(scene_named("coin", width=64, height=52, leds=4)) < 2**30
     True
     """

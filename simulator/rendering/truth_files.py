@@ -11,18 +11,15 @@ from typing import Any
 import numpy as np
 
 from acquisition import (
-    SOFTWARE,
-    ComputedRows,
     MapRows,
     make_folder,
-    rows_in_bands,
-    software_version,
     write_camera,
     write_durably,
     write_exr,
     write_lights,
     write_mask,
 )
+from acquisition.files import SOFTWARE, ComputedRows, rows_in_bands, software_version
 from rig.arrays import AnyArray, Float32
 from simulator.rendering.cramer_rao import Measurement, cramer_rao_deg
 from simulator.rendering.renderer import StoredRendering

@@ -6,8 +6,9 @@ import contextlib
 from dataclasses import replace
 from typing import Literal
 
-from rig import Board, Camera, Rig, RigConfig, RigConfigError, open_genicam
+from rig import Board, Camera, Rig, RigConfig, RigConfigError
 from rig.arrays import Float32
+from rig.genicam import open_genicam
 from simulator.bench.state import BenchState
 from simulator.bench.wiring import Wiring
 from simulator.camera.gentl_camera import GentlCamera, GentlDevice
@@ -71,7 +72,8 @@ def simulated_rig(
     --------
     >>> import numpy as np
     >>> from rig import RigConfig
-    >>> from simulator import ImageFormation, bench_sensor, simulated_rig
+    >>> from simulator import bench_sensor, simulated_rig
+    >>> from simulator.camera import ImageFormation
     >>> planes = {None: np.zeros((52, 64), np.float32), 0: np.ones((52, 64), np.float32)}
     >>> config = RigConfig(name="desk", driver="simulated", leds=1)
     >>> even = {"formation": ImageFormation(bench_sensor()), "realtime": False, "camera": "inside"}

@@ -8,7 +8,8 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from acquisition import DataError, MissingPathError, NoiseModel
-from rig import Rig, RigConfig, RigConfigError, validation_message
+from rig import Rig, RigConfig, RigConfigError
+from rig.messages import validation_message
 from simulator.bench.wiring import Wiring
 from simulator.camera.sensor import ImageFormation
 from simulator.rendering.renderer import StoredRendering, render

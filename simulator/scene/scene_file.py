@@ -11,14 +11,9 @@ import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from acquisition import DataError, MissingPathError, NoiseModel, write_durably, write_lights
-from rig import (
-    MAX_PIXELS,
-    MAX_TOML_BYTES,
-    UnreadableError,
-    parse_toml,
-    read_bounded,
-    validation_message,
-)
+from rig import MAX_PIXELS, UnreadableError, read_bounded
+from rig.files import MAX_TOML_BYTES, parse_toml
+from rig.messages import validation_message
 from simulator.scene.lamps import Lamps
 from simulator.scene.rig_scenes import bench_sensor
 from simulator.scene.scene import ChromeSphere, Scene

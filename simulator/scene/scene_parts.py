@@ -14,9 +14,10 @@ from typing import Any, get_type_hints
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
-from acquisition import CameraModel, DataError, Lights, led_id, read_camera, read_lights
-from rig import validation_message
+from acquisition import CameraModel, DataError, Lights, read_camera, read_lights
+from acquisition.values import led_id
 from rig.arrays import Float64
+from rig.messages import validation_message
 from simulator.scene.clutter import Ball, Box
 from simulator.scene.lens import Lens, Optics
 from simulator.scene.reflectance import Ggx, Lambert, OrenNayar

@@ -11,7 +11,8 @@ from typing import Self
 
 import numpy as np
 
-from acquisition import DataError, read_mesh_file
+from acquisition import DataError
+from acquisition.mesh_files import read_mesh_file
 from rig import short_repr
 from rig.arrays import Bool, Float64, Int64
 from simulator.shapes.body import BodyHits

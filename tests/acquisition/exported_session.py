@@ -7,16 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
-from acquisition.files.storage import make_folder
-from acquisition.pixels.images import write_exr, write_png
-from acquisition.plan.planned_shot import PlannedShot
-from acquisition.session.lights_record import LightsRecord
-from acquisition.session.manifest import Manifest
-from acquisition.session.session import Session
-from acquisition.session.value_records import CameraModelRecord
-from acquisition.session.writer import CameraReport, SessionWriter
-from acquisition.values.camera_model import CameraModel
-from acquisition.values.lights import Lights, led_id
+from acquisition import CameraModel, Lights, Session, make_folder, write_exr, write_png
+from acquisition.plan import PlannedShot
+from acquisition.session import (
+    CameraModelRecord,
+    CameraReport,
+    LightsRecord,
+    Manifest,
+    SessionWriter,
+)
+from acquisition.values import led_id
 from rig import Mounting
 from rig.arrays import Bool, Float32, UInt16
 

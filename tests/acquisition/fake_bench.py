@@ -10,25 +10,13 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from acquisition.engine.engine import record
-from acquisition.plan.plan import CapturePlan
+from acquisition import CapturePlan, Labels, Session, record
+from acquisition.session import EventLine
 from acquisition.session import writer as _session_writer
-from acquisition.session.journal import EventLine
-from acquisition.session.manifest import Labels
-from acquisition.session.session import Session
-from rig import (
-    Board,
-    BoardEcho,
-    BoardError,
-    BoardIdentity,
-    CameraError,
-    CameraFrame,
-    CameraInfo,
-    Rig,
-    RigConfig,
-    Trigger,
-)
+from rig import Board, BoardError, CameraError, CameraFrame, CameraInfo, Rig, RigConfig
 from rig.arrays import UInt16
+from rig.board import BoardEcho, BoardIdentity
+from rig.camera import Trigger
 
 LEDS = 6
 PLAN = CapturePlan(leds=(3, 0, 5), exposures_us=(200.0, 50.0), ambient=True, gain_db=2.0)

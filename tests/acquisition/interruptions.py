@@ -8,10 +8,8 @@ from pathlib import Path
 import pytest
 import tomli_w
 
-from acquisition.engine.engine import record
-from acquisition.session.manifest import _ADDED, Calibrations
-from acquisition.session.session import Session
-from acquisition.values.noise_model import NoiseModel
+from acquisition import Calibrations, NoiseModel, Session, record
+from acquisition.session.manifest import _ADDED
 from rig import CameraError, Rig
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench
 from tests.acquisition.mutants import rows_of, seal

@@ -19,16 +19,13 @@ from acquisition import (
     MissingPathError,
     Session,
     StorageError,
-    check_resume,
-    compact_session,
-    damaged_frames,
-    prepare_export,
     read_source,
-    rehearse,
     resume,
     verify_session,
 )
-from acquisition.session.journal import GENESIS
+from acquisition.engine import check_resume, rehearse
+from acquisition.exports import prepare_export
+from acquisition.session import GENESIS, compact_session, damaged_frames
 from rig import RigError
 from sgp.sessions.session_sheet import write_session_sheet
 from sgp.sessions.session_summary import describe

@@ -7,11 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from acquisition.plan.plan import CapturePlan
-from acquisition.session.manifest import CameraRecord, Manifest
-from acquisition.session.session import Session
-from acquisition.session.verify import verify_session
-from acquisition.session.writer import SessionWriter
+from acquisition import CapturePlan, Session, verify_session
+from acquisition.session import CameraRecord, Manifest, SessionWriter
 from rig.arrays import UInt16
 
 SHAPE = (24, 32)

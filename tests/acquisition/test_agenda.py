@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
+from acquisition import CapturePlan
 from acquisition.engine.shot_order import Agenda
-from acquisition.plan.plan import CapturePlan
-from acquisition.plan.planned_shot import PlannedShot
+from acquisition.plan import PlannedShot
 
 
 def test_a_rejected_shot_is_added_before_those_judged_by_it_otherwise_last() -> None:

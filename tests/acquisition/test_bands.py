@@ -11,25 +11,26 @@ import numpy as np
 import pytest
 
 from acquisition import (
+    DataError,
+    SessionInUseError,
+    StorageError,
+    read_image,
+    write_exr,
+    write_mask,
+    write_png,
+)
+from acquisition.files import (
     BandFile,
     BandStore,
     ComputedRows,
     DamagedMapsError,
-    DataError,
-    ImageRows,
     MemoryMaps,
     OtherMapsError,
-    SessionInUseError,
-    StorageError,
+    band_store,
     check_unfinished,
-    read_image,
     rows_in_bands,
-    write_exr,
-    write_mask,
-    write_png,
-    write_tiff,
 )
-from acquisition.files import band_store
+from acquisition.pixels import ImageRows, write_tiff
 
 FORM = {"normals": ((7, 4, 3), np.float32), "used": ((7, 4), np.uint16)}
 IDENTITY = {"method": "ls", "inputs": {"a.png": "00"}, "version": "1"}

@@ -9,9 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from acquisition._errors import DataError, MissingPathError
-from acquisition.value_files.camera import read_camera, write_camera
-from acquisition.values.camera_model import CameraModel
+from acquisition import CameraModel, DataError, MissingPathError, read_camera, write_camera
 
 DATA = os.environ.get("SGP_DATA")
 needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of real data")

@@ -5,9 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from acquisition.engine.camera_settings import camera_notices
-from acquisition.engine.engine import record, resume
-from acquisition.session.session import Session
+from acquisition import Session, record, resume
+from acquisition.engine import camera_notices
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench
 from tests.acquisition.interruptions import interrupted
 

@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from acquisition.session import EventLine, Journal, Manifest, RigRecord
 from acquisition.session.clock_steps import clock_steps
-from acquisition.session.journal import EventLine, Journal
-from acquisition.session.manifest import Manifest, RigRecord
 
 STARTED = datetime(2026, 3, 14, 9, 26, tzinfo=UTC)
 RIG = RigRecord(name="dome", driver="bench", board="b", protocol="2", firmware="1", leds=4)

@@ -16,19 +16,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from acquisition._errors import DataError, MissingPathError, StorageError
+from acquisition import (
+    CapturePlan,
+    DataError,
+    MissingPathError,
+    Session,
+    StorageError,
+    read_image,
+    read_source,
+    verify_session,
+)
 from acquisition.files.storage import lock_folder
 from acquisition.pixels.compact_tiff import deflate_tiff
-from acquisition.pixels.images import read_image
-from acquisition.plan.plan import CapturePlan
-from acquisition.plan.planned_shot import PlannedShot
+from acquisition.plan import PlannedShot
+from acquisition.session import CameraRecord, Manifest, SessionWriter, compact_session
 from acquisition.session import compact as _compact
-from acquisition.session.compact import compact_session
-from acquisition.session.manifest import CameraRecord, Manifest
-from acquisition.session.session import Session
-from acquisition.session.verify import verify_session
-from acquisition.session.writer import SessionWriter
-from acquisition.source.reader import read_source
 from rig.arrays import UInt16
 from tests.acquisition.small_session import PLAN, SHAPE, names, picture, whole, write
 

@@ -14,13 +14,9 @@ from typing import Any
 
 import pytest
 
-from acquisition._errors import StorageError
-from acquisition.plan.plan import CapturePlan
-from acquisition.plan.planned_shot import PlannedShot
-from acquisition.session.compact import compact_session
-from acquisition.session.session import Session
-from acquisition.session.verify import verify_session
-from acquisition.session.writer import SessionWriter
+from acquisition import CapturePlan, Session, StorageError, verify_session
+from acquisition.plan import PlannedShot
+from acquisition.session import SessionWriter, compact_session
 from rig import Notice
 from tests.acquisition.small_session import PLAN, names, picture, whole, write
 
@@ -89,8 +85,8 @@ def test_a_full_disk(tmp_path: Path) -> None:
     folder = write(tmp_path / "s")
     code = """
 import resource, signal, sys
-from acquisition.session.compact import compact_session
-from acquisition._errors import StorageError
+from acquisition.session import compact_session
+from acquisition import StorageError
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (300, 300))
 try:
@@ -108,7 +104,7 @@ except StorageError as error:
 
 SERVER = """
 import json, os, sys
-from acquisition.session.compact import compact_session
+from acquisition.session import compact_session
 
 def deadly(name, calls, dies_at):
     real = getattr(os, name)

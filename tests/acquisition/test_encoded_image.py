@@ -6,8 +6,9 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 import pytest
 
+from acquisition import write_exr
+from acquisition.pixels import write_tiff
 from acquisition.pixels.encoded_image import encoded_image, holds
-from acquisition.pixels.images import write_exr, write_tiff
 
 RNG = np.random.default_rng(5)
 # Each has three bands of rows, and a last one that is not full.

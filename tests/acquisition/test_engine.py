@@ -12,25 +12,26 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition._errors import StorageError
+from acquisition import (
+    Calibrations,
+    CameraModel,
+    CapturePlan,
+    Lights,
+    NoiseModel,
+    RecordingHooks,
+    Session,
+    StorageError,
+    read_image,
+    record,
+    verify_session,
+)
 from acquisition.engine import recording_run as _carry_out
-from acquisition.engine.engine import record
-from acquisition.engine.recording_loop import RecordingHooks
-from acquisition.engine.rehearsal import rehearse
-from acquisition.pixels.images import read_image
-from acquisition.plan.plan import CapturePlan
-from acquisition.session.journal import FrameLine
-from acquisition.session.manifest import Calibrations
-from acquisition.session.session import Session
-from acquisition.session.verify import verify_session
-from acquisition.session.writer import SessionWriter
-from acquisition.values.camera_model import CameraModel
-from acquisition.values.lights import Lights
-from acquisition.values.noise_model import NoiseModel
+from acquisition.engine import rehearse
+from acquisition.session import FrameLine, SessionWriter
 from rig import BoardError, CameraError, RigConfig
 from rig import Rig as RealRig
 from rig.arrays import Float32
-from simulator import ImageFormation
+from simulator.camera import ImageFormation
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench, events_of, seen
 
 
@@ -220,7 +221,7 @@ def test_the_writers_end_with_the_recording(rig: RealRig, tmp_path: Path) -> Non
 
 def test_on_the_simulated_rig(tmp_path: Path) -> None:
     """Real serial bytes and the board's own process; without noise the frames are predictable."""
-    from simulator.rigs.bench_rig import simulated_rig
+    from simulator import simulated_rig
 
     sensor = NoiseModel(1.0, 0.0, 0.0, 12)
     config = RigConfig(name="sim", driver="simulated", leds=4)

@@ -10,9 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from acquisition.engine.engine import record
-from acquisition.engine.recording_loop import RecordingHooks
-from acquisition.session.session import Session
+from acquisition import RecordingHooks, Session, record
 from rig import Rig as RealRig
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench, events_of
 

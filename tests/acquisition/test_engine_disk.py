@@ -9,10 +9,7 @@ from typing import Any
 
 import pytest
 
-from acquisition._errors import StorageError
-from acquisition.engine.engine import record, resume
-from acquisition.plan.plan import CapturePlan
-from acquisition.session.verify import verify_session
+from acquisition import CapturePlan, StorageError, record, resume, verify_session
 from tests.acquisition.fake_bench import LABELS, Bench, rig_on
 from tests.quick_sample import quick
 

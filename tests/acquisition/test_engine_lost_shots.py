@@ -9,12 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition.engine.engine import record
-from acquisition.engine.recording_loop import RecordingHooks
-from acquisition.plan.plan import CapturePlan
+from acquisition import CapturePlan, RecordingHooks, Session, record, verify_session
 from acquisition.session import writer as _session_writer
-from acquisition.session.session import Session
-from acquisition.session.verify import verify_session
 from rig import CameraError, RigError
 from rig import Rig as RealRig
 from rig.arrays import UInt16

@@ -9,14 +9,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition._errors import DataError, StorageError
-from acquisition.engine.engine import record
-from acquisition.plan.plan import CapturePlan
-from acquisition.session.manifest import Calibrations, Labels
-from acquisition.session.session import Session
-from acquisition.values.camera_model import CameraModel
-from acquisition.values.lights import Lights
-from acquisition.values.noise_model import NoiseModel
+from acquisition import (
+    Calibrations,
+    CameraModel,
+    CapturePlan,
+    DataError,
+    Labels,
+    Lights,
+    NoiseModel,
+    Session,
+    StorageError,
+    record,
+)
 from rig import CameraError, CameraFrame, RigError
 from rig import Rig as RealRig
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench, events_of

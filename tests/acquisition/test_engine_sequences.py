@@ -8,15 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition.engine.engine import record
-from acquisition.engine.recording_loop import RecordingHooks
-from acquisition.plan.plan import CapturePlan
-from acquisition.session.verify import verify_session
-from acquisition.values.noise_model import NoiseModel
+from acquisition import CapturePlan, NoiseModel, RecordingHooks, record, verify_session
 from rig import Rig as RealRig
 from rig import RigConfig
 from rig.arrays import Float32
-from simulator import ImageFormation
+from simulator.camera import ImageFormation
 from tests.acquisition.fake_bench import LABELS, Gate, events_of
 
 
@@ -26,7 +22,7 @@ def _plane(led: int | None) -> Float32:
 
 
 def _sequenced_rig() -> RealRig:
-    from simulator.rigs.bench_rig import simulated_rig
+    from simulator import simulated_rig
 
     config = RigConfig(name="sim", driver="simulated", leds=12, trigger="board", settle_ms=0.5)
     sensor = NoiseModel(1.0, 0.0, 0.0, 12)

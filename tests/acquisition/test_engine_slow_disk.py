@@ -12,16 +12,12 @@ from typing import Any
 
 import pytest
 
-from acquisition._errors import StorageError
+from acquisition import RecordingHooks, Session, StorageError, record, verify_session
 from acquisition.engine import recording_loop as _recording
 from acquisition.engine import recording_run as _carry_out
 from acquisition.engine import write_queue as _write_queue
-from acquisition.engine.engine import record
-from acquisition.engine.recording_loop import RecordingHooks
+from acquisition.session import SessionWriter
 from acquisition.session import writer as _session_writer
-from acquisition.session.session import Session
-from acquisition.session.verify import verify_session
-from acquisition.session.writer import SessionWriter
 from rig import CameraError
 from rig import Rig as RealRig
 from rig.arrays import UInt16

@@ -9,20 +9,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition._errors import DataError, MissingPathError, StorageError
-from acquisition.exports.export import Layout, prepare_export
-from acquisition.imports.frames import import_frames, read_import
-from acquisition.pixels.images import read_image
-from acquisition.plan.planned_shot import PlannedShot
-from acquisition.session.compact import compact_session
-from acquisition.session.lights_record import LightsRecord
-from acquisition.session.manifest import Manifest
-from acquisition.session.session import Session
-from acquisition.session.verify import verify_session
-from acquisition.session.writer import SessionWriter
-from acquisition.source.reader import read_source
-from acquisition.value_files.lights import read_lights
-from acquisition.values.lights import Lights
+from acquisition import (
+    DataError,
+    Lights,
+    MissingPathError,
+    Session,
+    StorageError,
+    import_frames,
+    read_image,
+    read_lights,
+    read_source,
+    verify_session,
+)
+from acquisition.exports import Layout, prepare_export
+from acquisition.imports import read_import
+from acquisition.plan import PlannedShot
+from acquisition.session import LightsRecord, Manifest, SessionWriter, compact_session
 from rig import Mounting
 from tests.acquisition.exported_session import (
     LEDS,

@@ -16,14 +16,12 @@ from hypothesis import strategies as st
 from PIL import Image
 from scipy.io import loadmat
 
-from acquisition.exports.captioned_images import Caption, write_captioned_png
-from acquisition.exports.export import Layout, prepare_export
-from acquisition.imports.frames import import_frames, read_import
-from acquisition.pixels.images import read_image
-from acquisition.session.manifest import CameraRecord, Manifest
-from acquisition.session.session import Session
-from acquisition.source.reader import read_source
-from acquisition.values.lights import led_id
+from acquisition import Session, import_frames, read_image, read_source
+from acquisition.exports import Caption, Layout, prepare_export
+from acquisition.exports.captioned_images import write_captioned_png
+from acquisition.imports import read_import
+from acquisition.session import CameraRecord, Manifest
+from acquisition.values import led_id
 from tests.acquisition.exported_session import NEAR, SIZE, TEXTS, lit, picture, same_lights, session
 
 

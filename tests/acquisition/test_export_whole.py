@@ -17,19 +17,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition._errors import DataError, MissingPathError, StorageError
-from acquisition.exports.export import prepare_export
+from acquisition import (
+    DataError,
+    Lights,
+    MissingPathError,
+    StorageError,
+    make_folder,
+    read_source,
+    write_exr,
+)
+from acquisition.exports import prepare_export
+from acquisition.files import staged
 from acquisition.files import staging as _staging
-from acquisition.files.staging import staged
-from acquisition.files.storage import make_folder
-from acquisition.imports.frames import read_import
-from acquisition.pixels.images import write_exr
-from acquisition.plan.planned_shot import PlannedShot
-from acquisition.session.lights_record import LightsRecord
-from acquisition.session.manifest import Manifest
-from acquisition.session.writer import SessionWriter
-from acquisition.source.reader import read_source
-from acquisition.values.lights import Lights
+from acquisition.imports import read_import
+from acquisition.plan import PlannedShot
+from acquisition.session import LightsRecord, Manifest, SessionWriter
 
 SIZE = (12, 16)
 LIGHTS = Lights(directions=np.array([[0.0, 0, 1], [0.6, 0, 0.8]]), ids=("L00", "L01"))
@@ -78,7 +80,7 @@ def refused(folder: Path) -> bool:
 SERVER = """
 import json, os, sys
 from pathlib import Path
-from acquisition.exports.export import prepare_export
+from acquisition.exports import prepare_export
 
 def deadly(name, calls, dies_at):
     real = getattr(os, name)

@@ -11,21 +11,19 @@ import numpy as np
 import pytest
 
 from acquisition import (
-    Calibrated,
     CameraModel,
     DataError,
     Flat,
     MissingPathError,
     Setup,
-    apply_flat,
-    flat_files,
-    read_flat,
     read_image,
     read_source,
     write_exr,
-    write_flat,
     write_png,
 )
+from acquisition.source import apply_flat
+from acquisition.value_files import flat_files, read_flat, write_flat
+from acquisition.values import Calibrated
 
 SHAPE = (12, 16)
 CAMERA = CameraModel([[20, 0, 7.5], [0, 20, 5.5], [0, 0, 1]], 16, 12, 500.0)

@@ -24,8 +24,8 @@ from acquisition import (
     write_exr,
     write_png,
 )
+from acquisition.pixels import image_facts
 from acquisition.pixels.image_head import check_image_head, kind_of
-from acquisition.pixels.stated_facts import image_facts
 from acquisition.value_files.mat5 import read_mat5
 from rig import UnreadableError
 

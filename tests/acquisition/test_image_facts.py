@@ -17,11 +17,12 @@ import pytest
 import tifffile
 from PIL import Image
 
-from acquisition import DataError, ImageRows, read_image, read_image_with_alpha, read_mask
+from acquisition import DataError, read_image, read_mask
+from acquisition.pixels import ImageFacts, ImageRows, ShotFacts, image_facts, read_image_with_alpha
 from acquisition.pixels.camera_raw import RawLevels, read_levelled
 from acquisition.pixels.exif_block import tiff_tags
 from acquisition.pixels.mask_files import read_mask_of
-from acquisition.pixels.stated_facts import ImageFacts, ShotFacts, image_facts, shot_facts
+from acquisition.pixels.stated_facts import shot_facts
 from tests.acquisition.dng_file import dng
 
 GREY = np.arange(48, dtype=np.uint16).reshape(6, 8) * 1000

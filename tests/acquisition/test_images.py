@@ -11,11 +11,8 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 import pytest
 
-from acquisition.pixels.images import (
-    read_image,
-    read_image_with_alpha,
-)
-from acquisition.pixels.stated_facts import image_facts
+from acquisition import read_image
+from acquisition.pixels import image_facts, read_image_with_alpha
 from tests.acquisition.image_bytes import BIG, RGB, RGB16, by_library, chunk, png, tga
 
 DATA = os.environ.get("SGP_DATA")

@@ -9,11 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from acquisition._errors import DataError, MissingPathError, StorageError
-from acquisition.pixels.images import (
-    read_image,
-    write_png,
-)
+from acquisition import DataError, MissingPathError, StorageError, read_image, write_png
 from tests.acquisition.image_bytes import BIG, NOISE, RGB, by_library, png, tga
 
 ENCODINGS = [

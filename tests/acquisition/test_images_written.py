@@ -16,13 +16,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from acquisition._errors import DataError, StorageError
-from acquisition.pixels.images import (
-    read_image,
-    write_exr,
-    write_png,
-    write_tiff,
-)
+from acquisition import DataError, StorageError, read_image, write_exr, write_png
+from acquisition.pixels import write_tiff
 from tests.acquisition.image_bytes import NOISE, RGB16
 
 

@@ -10,18 +10,24 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 import pytest
 
-from acquisition._errors import DataError, StorageError
-from acquisition.exports.export import prepare_export
-from acquisition.imports.frames import import_frames, read_import
-from acquisition.pixels.camera_raw import read_raw
-from acquisition.pixels.images import read_image, write_exr, write_png, write_tiff
-from acquisition.session.manifest import Labels
-from acquisition.session.session import Session
-from acquisition.session.verify import verify_session
+from acquisition import (
+    CameraModel,
+    DataError,
+    Labels,
+    Lights,
+    Session,
+    StorageError,
+    import_frames,
+    read_image,
+    read_source,
+    verify_session,
+    write_exr,
+    write_png,
+)
+from acquisition.exports import prepare_export
+from acquisition.imports import read_import
+from acquisition.pixels import read_raw, write_tiff
 from acquisition.source.image_folder import images_source
-from acquisition.source.reader import read_source
-from acquisition.values.camera_model import CameraModel
-from acquisition.values.lights import Lights
 
 DATA = os.environ.get("SGP_DATA")
 needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of real data")

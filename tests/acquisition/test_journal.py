@@ -9,14 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from acquisition.session.journal import (
-    GENESIS,
-    EventLine,
-    FrameLine,
-    StartLine,
-    encode_line,
-    parse_journal,
-)
+from acquisition.session import GENESIS, EventLine, FrameLine, StartLine, encode_line, parse_journal
 
 TIME = "2026-03-04T05:06:07.000000+00:00"
 START = {"kind": "session", "seq": 0, "time_utc": TIME, "session_toml_sha256": "a" * 64}

@@ -12,15 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from acquisition import CapturePlan, NoiseModel, Session, record, resume
 from acquisition.engine import engine as _engine
-from acquisition.engine.engine import record, resume
-from acquisition.plan.plan import CapturePlan
 from acquisition.session import writer as _session_writer
-from acquisition.session.session import Session
-from acquisition.values.noise_model import NoiseModel
 from rig import CameraError, CameraFrame, Rig, RigConfig, RigError
 from rig.arrays import Float32, UInt16
-from simulator import ImageFormation
+from simulator.camera import ImageFormation
 from tests.acquisition.fake_bench import LABELS, Bench, events_of, rig_on, seen
 
 
@@ -50,7 +47,7 @@ def spoil(camera: Any, number: int) -> None:
 
 def sequenced_rig(light: dict[int, float]) -> Rig:
     """Return a rig with uniform LEDs of the given brightness, grey values per microsecond."""
-    from simulator.rigs.bench_rig import simulated_rig
+    from simulator import simulated_rig
 
     def plane(led: int | None) -> Float32:
         return np.full((6, 8), 0.0 if led is None else light[led], np.float32)

@@ -10,19 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition._errors import DataError
-from acquisition.engine.engine import record, resume
-from acquisition.exports.export import prepare_export
-from acquisition.plan.plan import CapturePlan
-from acquisition.plan.planned_shot import PlannedShot
-from acquisition.session.compact import compact_session
-from acquisition.session.journal import Echo
+from acquisition import CapturePlan, DataError, Session, read_source, record, resume, verify_session
+from acquisition.exports import prepare_export
+from acquisition.plan import PlannedShot
+from acquisition.session import Echo, Manifest, SessionWriter, compact_session
 from acquisition.session.light_proof import BOARD, wrong_light
-from acquisition.session.manifest import Manifest
-from acquisition.session.session import Session
-from acquisition.session.verify import verify_session
-from acquisition.session.writer import SessionWriter
-from acquisition.source.reader import read_source
 from rig import CameraError, Rig, RigError, Shot
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench
 from tests.acquisition.mutants import rows_of, seal

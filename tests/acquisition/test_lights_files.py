@@ -11,9 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from acquisition._errors import DataError, MissingPathError, StorageError
-from acquisition.value_files.lights import read_lights, write_lights
-from acquisition.values.lights import Lights
+from acquisition import DataError, Lights, MissingPathError, StorageError, read_lights, write_lights
 
 DATA = os.environ.get("SGP_DATA")
 needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of real data")

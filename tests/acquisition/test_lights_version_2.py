@@ -14,17 +14,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from acquisition import (
-    Calibrated,
     CameraModel,
     DataError,
     LightErrors,
     Lights,
     Setup,
-    UsedSphere,
     read_lights,
-    tangent_basis,
     write_lights,
 )
+from acquisition.values import Calibrated, UsedSphere, tangent_basis
 
 GOLDEN_NEAR = """\
 {

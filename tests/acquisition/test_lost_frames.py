@@ -13,19 +13,23 @@ from typing import Any
 import numpy as np
 import pytest
 
+from acquisition import (
+    CapturePlan,
+    NoiseModel,
+    RecordingHooks,
+    Session,
+    record,
+    resume,
+    verify_session,
+)
 from acquisition.engine import recording_run as _carry_out
-from acquisition.engine.engine import record, resume
-from acquisition.engine.recording_loop import LOST_RETAKES, RecordingHooks
-from acquisition.plan.plan import CapturePlan
-from acquisition.session.session import Session
-from acquisition.session.verify import verify_session
-from acquisition.values.noise_model import NoiseModel
-from rig import Board, FrameLostError, Rig, RigConfig, RigError, open_genicam
-from simulator.bench.state import BenchState
-from simulator.camera.gentl_camera import GentlCamera
+from acquisition.engine.recording_loop import LOST_RETAKES
+from rig import Board, FrameLostError, Rig, RigConfig, RigError
+from rig.genicam import open_genicam
+from simulator.bench import BenchState
+from simulator.camera import GentlCamera
 from simulator.gentl import CompilerError
-from simulator.led_board.faults import BoardFault
-from simulator.led_board.virtual_board import VirtualBoard
+from simulator.led_board import BoardFault, VirtualBoard
 from tests.acquisition.fake_bench import LABELS
 from tests.quick_sample import quick
 from tests.simulator.camera_options import grouped

@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from acquisition import DataError, read_mask, read_mask_shares, write_exr, write_png
+from acquisition import DataError, read_mask, write_exr, write_png
+from acquisition.pixels import read_mask_shares
 from rig.arrays import Generic
 
 

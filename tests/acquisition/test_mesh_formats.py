@@ -14,7 +14,8 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from acquisition import DataError, MeshFile, MissingPathError, read_mesh_file
+from acquisition import DataError, MissingPathError
+from acquisition.mesh_files import MeshFile, read_mesh_file
 from acquisition.mesh_files.ply import read_ply
 from rig import UnreadableError
 

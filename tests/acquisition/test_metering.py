@@ -12,16 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from acquisition._errors import DataError
-from acquisition.metering.light_level import (
-    LightLevel,
-    MeteringGoal,
-    better_exposure_us,
-    light_level,
-    stepped_us,
-)
-from acquisition.metering.metering import meter
-from acquisition.plan.plan import CapturePlan
+from acquisition import CapturePlan, DataError
+from acquisition.metering import LightLevel, MeteringGoal, meter
+from acquisition.metering.light_level import better_exposure_us, light_level, stepped_us
 from rig import CameraFrame, CameraInfo, Rig, RigError, Shot
 from rig.arrays import Float64
 from tests.quick_sample import quick
@@ -269,9 +262,7 @@ def test_a_saturated_frame_only_shows_that_less_is_needed() -> None:
 def test_on_the_simulated_rig_the_percentile_is_within_3_per_cent(
     scene: str, seed: int, cfa: str | None, gain_db: float
 ) -> None:
-    from simulator.rendering.renderer import render
-    from simulator.rigs.opening import open_rig_seeing
-    from simulator.scene.rig_scenes import scene_named
+    from simulator import open_rig_seeing, render, scene_named
 
     made = scene_named(scene, width=160, height=128, leds=8, seed=seed)
     rendering = render(replace(made, lens=replace(made.lens, cfa=cfa)))

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from acquisition import CameraModel, Lights, is_near_lights, read_camera, read_lights
-from acquisition._errors import DataError
-from acquisition.value_files.near_lights import read_near_lights
+from acquisition import CameraModel, DataError, Lights, read_camera, read_lights
+from acquisition.value_files import is_near_lights, read_near_lights
 
 DISTANCE = 600.0
 CAMERA = CameraModel(np.array([[1000.0, 0, 40], [0, 1000.0, 30], [0, 0, 1]]), 80, 60, DISTANCE)

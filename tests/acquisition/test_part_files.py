@@ -11,18 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from acquisition._errors import StorageError
+from acquisition import StorageError, write_durably
 from acquisition.files import part_files as _part_files
+from acquisition.files import part_path
 from acquisition.files.part_files import Part
-from acquisition.files.storage import (
-    open_binary,
-    part_path,
-    published,
-    read_back,
-    read_file,
-    write_durably,
-    write_whole,
-)
+from acquisition.files.storage import open_binary, published, read_back, read_file, write_whole
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs links and pipes")
 

@@ -11,13 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
-from acquisition._errors import DataError
-from acquisition.imports.frames import import_frames
-from acquisition.pixels.images import write_png
+from acquisition import SRGB, DataError, Session, import_frames, read_source, write_png
 from acquisition.pixels.pile_up import PileUp, find_pile_up
-from acquisition.session.session import Session
-from acquisition.source.reader import read_source
-from acquisition.values.transfer_curve import SRGB
 from rig.arrays import Floating, Generic, UInt8, UInt16
 
 SIZE = 64

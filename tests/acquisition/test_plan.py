@@ -10,10 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from acquisition._errors import DataError, MissingPathError
+from acquisition import CapturePlan, DataError, MissingPathError, read_plan
 from acquisition.files.text_files import to_toml
-from acquisition.plan.plan import CapturePlan, read_plan
-from acquisition.plan.planned_shot import PlannedShot
+from acquisition.plan import PlannedShot
 
 
 def test_order_and_file_names_of_shots() -> None:

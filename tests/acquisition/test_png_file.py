@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from acquisition import StorageError, read_image_with_alpha, write_png
-from acquisition.pixels import png_file
+from acquisition import StorageError, write_png
+from acquisition.pixels import png_file, read_image_with_alpha
 from acquisition.pixels.image_input import check_png_file
 
 RNG = np.random.default_rng(5)

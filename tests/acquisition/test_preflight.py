@@ -15,10 +15,9 @@ import cv2
 import numpy as np
 import pytest
 
-from acquisition.plan.plan import CapturePlan
+from acquisition import CapturePlan
+from acquisition.preflights import Check, Preflight, preflight
 from acquisition.preflights import rig as _check_rig
-from acquisition.preflights.capture_checks import Preflight, preflight
-from acquisition.preflights.check import Check
 from acquisition.preflights.rig import check_camera, check_disk
 from acquisition.preflights.trial_frames import (
     Trials,
@@ -31,14 +30,11 @@ from acquisition.preflights.trial_frames import (
 )
 from rig import BoardError, RigConfig
 from rig.arrays import Float64, UInt16
-from simulator.camera.virtual_camera import VirtualCamera
+from simulator import BenchFlaws, Rendering, open_rig_seeing, render, scene_named
+from simulator.camera import VirtualCamera
 from simulator.gentl import CompilerError, build
-from simulator.rendering.renderer import render
-from simulator.rendering.rendering import Rendering
 from simulator.rigs import bench_rig as _simulated_rig
-from simulator.rigs.opening import BenchFlaws, open_rig_seeing
-from simulator.scene.lamps import Lamps
-from simulator.scene.rig_scenes import scene_named
+from simulator.scene import Lamps
 
 LEDS = 8
 PLAN = CapturePlan(leds=tuple(range(LEDS)), exposures_us=(20_000.0, 1000.0))

@@ -10,18 +10,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition._errors import DataError, MissingPathError
-from acquisition.imports.frames import import_frames, read_import
+from acquisition import (
+    DataError,
+    Lights,
+    MissingPathError,
+    import_frames,
+    read_image,
+    read_source,
+    verify_session,
+    watch_folder,
+    write_png,
+)
+from acquisition.imports import Watch, lights_in_order, read_import
 from acquisition.imports.image import read_for_import
-from acquisition.imports.watch import watch_folder
-from acquisition.imports.watch_shots import Watch, lights_in_order
-from acquisition.pixels.camera_raw import read_raw
-from acquisition.pixels.images import read_image, write_png
-from acquisition.pixels.stated_facts import image_facts
-from acquisition.session.verify import verify_session
-from acquisition.source.reader import read_source
+from acquisition.pixels import image_facts, read_raw
 from acquisition.values.image_names import is_raw
-from acquisition.values.lights import Lights
 from rig.arrays import Int64
 from tests.acquisition.dng_file import SHORT, SRATIONAL, Tag, dng, tag
 

@@ -11,11 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
-from acquisition.imports.frames import import_frames, read_import
-from acquisition.imports.watch import WatchResult, watch_folder
-from acquisition.imports.watch_shots import Watch, lights_in_order
-from acquisition.session.session import Session
-from acquisition.source.reader import read_source
+from acquisition import Session, import_frames, read_source, watch_folder
+from acquisition.imports import Watch, WatchResult, lights_in_order, read_import
 from rig import Notice
 from tests.acquisition.dng_file import dng
 from tests.quick_sample import quick

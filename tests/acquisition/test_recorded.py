@@ -9,14 +9,12 @@ from typing import Any, cast
 
 import pytest
 
-from acquisition._errors import DataError
-from acquisition.plan.plan import CapturePlan
-from acquisition.plan.planned_shot import PlannedShot
-from acquisition.session.journal import EventLine, FrameLine, Journal, Line, StartLine
+from acquisition import CapturePlan, DataError, Session
+from acquisition.plan import PlannedShot
+from acquisition.session import CameraRecord, EventLine, FrameLine, Journal, Manifest, StartLine
+from acquisition.session.journal import Line
 from acquisition.session.journal_frames import Recorded, recorded_frames
-from acquisition.session.manifest import CameraRecord, Manifest
 from acquisition.session.open_shots import OpenShots
-from acquisition.session.session import Session
 
 TIME = "2026-03-04T05:06:07Z"
 CAMERA = CameraRecord(width=8, height=6, bit_depth=12)

@@ -11,14 +11,12 @@ from typing import Any, cast
 
 import pytest
 
-from acquisition.engine.engine import record, resume
+from acquisition import CapturePlan, Session, record, resume
 from acquisition.engine.rejection import References
-from acquisition.pixels.frame_quality import FrameQuality
-from acquisition.plan.plan import CapturePlan
-from acquisition.plan.planned_shot import PlannedShot
+from acquisition.pixels import FrameQuality
+from acquisition.plan import PlannedShot
+from acquisition.session import CameraRecord
 from acquisition.session import writer as _session_writer
-from acquisition.session.manifest import CameraRecord
-from acquisition.session.session import Session
 from rig import CameraError, Rig, RigError
 from rig.arrays import UInt16
 from tests.acquisition.fake_bench import LABELS, Bench, rig_on, seen

@@ -7,11 +7,10 @@ import functools
 import numpy as np
 import pytest
 
-from acquisition._errors import DataError
+from acquisition import DataError
 from acquisition.engine.rejection import SeenLight, is_lit, rejection
-from acquisition.pixels.frame_quality import FrameQuality
-from acquisition.pixels.quality import measure_quality
-from acquisition.plan.planned_shot import PlannedShot
+from acquisition.pixels import FrameQuality, measure_quality
+from acquisition.plan import PlannedShot
 from rig import RigError
 from rig.arrays import Float64
 

@@ -7,12 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition.engine.engine import record, resume
-from acquisition.engine.recording_loop import RecordingHooks
-from acquisition.session.manifest import Calibrations
-from acquisition.session.session import Session
-from acquisition.session.verify import verify_session
-from acquisition.values.noise_model import NoiseModel
+from acquisition import (
+    Calibrations,
+    NoiseModel,
+    RecordingHooks,
+    Session,
+    record,
+    resume,
+    verify_session,
+)
 from rig import CameraError, Rig, RigError
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench, events_of, seen
 from tests.acquisition.interruptions import fail_after, interrupted

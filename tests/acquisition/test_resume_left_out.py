@@ -8,16 +8,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition._errors import DataError
-from acquisition.engine.engine import check_resume, record, resume
-from acquisition.engine.recording_loop import RecordingHooks
-from acquisition.plan.plan import CapturePlan
-from acquisition.session.compact import compact_session
-from acquisition.session.manifest import CameraRecord, Manifest
-from acquisition.session.session import Session
-from acquisition.session.verify import verify_session
-from acquisition.session.writer import SessionWriter
-from acquisition.source.reader import read_source
+from acquisition import (
+    CapturePlan,
+    DataError,
+    RecordingHooks,
+    Session,
+    read_source,
+    record,
+    resume,
+    verify_session,
+)
+from acquisition.engine import check_resume
+from acquisition.session import CameraRecord, Manifest, SessionWriter, compact_session
 from rig import CameraError, Rig
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench, events_of, rig_on
 from tests.acquisition.interruptions import fail_after, interrupted, make_older

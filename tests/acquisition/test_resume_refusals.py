@@ -10,13 +10,17 @@ from typing import Any
 
 import pytest
 
-from acquisition._errors import DataError, MissingPathError, StorageError
-from acquisition.engine.engine import record, resume
-from acquisition.plan.plan import CapturePlan
-from acquisition.session.manifest import CameraRecord, Manifest
-from acquisition.session.session import Session
-from acquisition.session.verify import verify_session
-from acquisition.session.writer import SessionWriter
+from acquisition import (
+    CapturePlan,
+    DataError,
+    MissingPathError,
+    Session,
+    StorageError,
+    record,
+    resume,
+    verify_session,
+)
+from acquisition.session import CameraRecord, Manifest, SessionWriter
 from rig import Rig
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench, rig_on
 from tests.acquisition.interruptions import interrupted, make_older

@@ -8,13 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition._errors import DataError
-from acquisition.imports.frames import import_frames
-from acquisition.pixels.images import write_png
-from acquisition.source.exclusion import exclude
+from acquisition import DataError, Lights, exclude, import_frames, read_source, write_png
 from acquisition.source.image_folder import numbered_series
-from acquisition.source.reader import read_source
-from acquisition.values.lights import Lights
 from acquisition.values.running_numbers import order_doubt, running_number, steps_between
 
 

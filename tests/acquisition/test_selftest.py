@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import acquisition.selftests.led_test as selftest_module
-from acquisition import Finding, selftest
+from acquisition.selftests import Finding, selftest
 from acquisition.selftests.led_findings import Evidence, findings
 from rig import (
     CameraError,
@@ -22,7 +22,9 @@ from rig import (
     Shot,
     no_progress,
 )
-from simulator import BenchFlaws, Lamps, Wiring, dome_lights, open_rig_seeing, render, scene_named
+from simulator import BenchFlaws, dome_lights, open_rig_seeing, render, scene_named
+from simulator.bench import Wiring
+from simulator.scene import Lamps
 from tests.quick_sample import quick
 
 SCENES = ["white-plane", "coin", "sphere", "textile", "tilted-plane", "spheres", "leather"]

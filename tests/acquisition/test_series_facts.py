@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import tifffile
 
-from acquisition import DataError, Lights, import_frames, read_import, read_source
-from acquisition.pixels.stated_facts import ImageFacts, ShotFacts
+from acquisition import DataError, Lights, import_frames, read_source
+from acquisition.imports import read_import
+from acquisition.pixels import ImageFacts, ShotFacts
 from acquisition.source.series_facts import exposure_times, reference_times
 from calibration import linear_stack
 

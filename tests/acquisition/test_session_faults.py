@@ -12,12 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition._errors import DataError, StorageError
-from acquisition.plan.plan import CapturePlan
-from acquisition.session.manifest import CameraRecord, Manifest
-from acquisition.session.session import Session
-from acquisition.session.verify import verify_session
-from acquisition.session.writer import SessionWriter
+from acquisition import CapturePlan, DataError, Session, StorageError, verify_session
+from acquisition.session import CameraRecord, Manifest, SessionWriter
 from rig.arrays import UInt16
 
 

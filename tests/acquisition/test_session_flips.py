@@ -7,13 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition._errors import DataError
-from acquisition.plan.plan import CapturePlan
-from acquisition.session.manifest import CameraRecord, Manifest
-from acquisition.session.session import Session
-from acquisition.session.session_frame import SessionFrame
-from acquisition.session.verify import verify_session
-from acquisition.session.writer import SessionWriter
+from acquisition import CapturePlan, DataError, Session, verify_session
+from acquisition.session import CameraRecord, Manifest, SessionFrame, SessionWriter
 from rig.arrays import UInt16
 
 FLIPS = 250

@@ -22,26 +22,29 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from acquisition._errors import DataError
-from acquisition.plan.plan import CapturePlan
-from acquisition.session.journal import Echo
-from acquisition.session.lights_record import LightsRecord
-from acquisition.session.manifest import (
-    FORMAT_VERSION,
+from acquisition import (
+    CameraModel,
+    CapturePlan,
+    DataError,
+    LightErrors,
+    Lights,
+    Session,
+    Setup,
+    verify_session,
+)
+from acquisition.session import (
     CameraRecord,
+    CameraReport,
+    Echo,
+    LightsRecord,
     Manifest,
     RigRecord,
+    SessionWriter,
     SoftwareRecord,
-    parse_manifest,
 )
-from acquisition.session.session import Session
-from acquisition.session.verify import verify_session
-from acquisition.session.writer import CameraReport, SessionWriter
+from acquisition.session.manifest import FORMAT_VERSION, parse_manifest
 from acquisition.value_files.lights import lights_json
-from acquisition.values.camera_model import CameraModel
-from acquisition.values.light_errors import LightErrors
-from acquisition.values.lights import Lights
-from acquisition.values.setup import Calibrated, Setup, UsedSphere
+from acquisition.values import Calibrated, UsedSphere
 from rig import Mounting
 from rig.arrays import UInt16
 

@@ -16,11 +16,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition.plan.plan import CapturePlan
-from acquisition.plan.planned_shot import PlannedShot
-from acquisition.session.session import Session
-from acquisition.session.verify import verify_session
-from acquisition.session.writer import SessionWriter
+from acquisition import CapturePlan, Session, verify_session
+from acquisition.plan import PlannedShot
+from acquisition.session import SessionWriter
 from rig.arrays import UInt16
 from tests.quick_sample import quick
 
@@ -37,11 +35,11 @@ SERVER = """
 import json, os, resource, sys
 from datetime import UTC, datetime
 import numpy as np
-from acquisition._errors import StorageError
-from acquisition.session.manifest import CameraRecord, Manifest
-from acquisition.plan.plan import CapturePlan
-from acquisition.pixels.quality import measure_quality
-from acquisition.session.writer import SessionWriter
+from acquisition import StorageError
+from acquisition.session import CameraRecord, Manifest
+from acquisition import CapturePlan
+from acquisition.pixels import measure_quality
+from acquisition.session import SessionWriter
 
 measure_quality(np.zeros((16, 16), np.uint16), white_level_dn=4095)  # compile it once
 

@@ -12,17 +12,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition._errors import DataError
-from acquisition.engine.engine import record
+from acquisition import (
+    Calibrations,
+    DataError,
+    Lights,
+    Session,
+    read_source,
+    record,
+    verify_session,
+)
 from acquisition.files.storage import sha256_of
+from acquisition.session import GENESIS, SessionWriter, parse_journal
 from acquisition.session.event_details import details_complaint
-from acquisition.session.journal import GENESIS, parse_journal
-from acquisition.session.manifest import Calibrations
-from acquisition.session.session import Session
-from acquisition.session.verify import verify_session
-from acquisition.session.writer import SessionWriter
-from acquisition.source.reader import read_source
-from acquisition.values.lights import Lights
 from rig import CameraError
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench, rig_on
 from tests.acquisition.mutants import mutant, read_by_all, rows_of, seal

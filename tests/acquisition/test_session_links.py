@@ -16,13 +16,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition._errors import DataError, StorageError
-from acquisition.plan.plan import CapturePlan
-from acquisition.session.compact import compact_session
-from acquisition.session.manifest import CameraRecord, Manifest
-from acquisition.session.session import Session
-from acquisition.session.verify import verify_session
-from acquisition.session.writer import SessionWriter
+from acquisition import CapturePlan, DataError, Session, StorageError, verify_session
+from acquisition.session import CameraRecord, Manifest, SessionWriter, compact_session
 from rig.arrays import UInt16
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs links and pipes")

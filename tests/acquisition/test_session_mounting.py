@@ -15,9 +15,10 @@ from acquisition import (
     read_image,
     read_source,
     record,
+    write_png,
 )
-from acquisition.pixels.images import write_png
-from acquisition.session.manifest import Manifest, parse_manifest
+from acquisition.session import Manifest
+from acquisition.session.manifest import parse_manifest
 from calibration import linear_stack
 from rig import Mounting, RigConfig
 from simulator import open_rig_seeing, render, save_truth, scene_named

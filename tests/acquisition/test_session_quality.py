@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from acquisition.pixels.quality import measure_quality
+from acquisition.pixels import measure_quality
 from rig.arrays import UInt16
 
 

@@ -10,16 +10,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition._errors import DataError, MissingPathError
-from acquisition.pixels.images import write_tiff
-from acquisition.plan.plan import CapturePlan
+from acquisition import CapturePlan, DataError, MissingPathError, Session, verify_session
+from acquisition.pixels import write_tiff
+from acquisition.session import (
+    GENESIS,
+    CameraRecord,
+    Manifest,
+    SessionWriter,
+    compact_session,
+    encode_line,
+)
 from acquisition.session import session as _session
-from acquisition.session.compact import compact_session
-from acquisition.session.journal import GENESIS, encode_line
-from acquisition.session.manifest import CameraRecord, Manifest
-from acquisition.session.session import Session
-from acquisition.session.verify import verify_session
-from acquisition.session.writer import SessionWriter
 
 PLAN = CapturePlan(leds=(0, 1), exposures_us=(100.0,))
 

@@ -9,20 +9,28 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition._errors import DataError, MissingPathError, StorageError
-from acquisition.pixels.images import read_image
-from acquisition.plan.plan import CapturePlan
-from acquisition.plan.planned_shot import PlannedShot
-from acquisition.session.journal import EventLine
-from acquisition.session.lights_record import LightsRecord
-from acquisition.session.manifest import CameraRecord, Manifest
-from acquisition.session.session import Session
-from acquisition.session.value_records import CameraModelRecord, SensorRecord
-from acquisition.session.verify import verify_session
-from acquisition.session.writer import SessionWriter
-from acquisition.values.camera_model import CameraModel
-from acquisition.values.lights import Lights
-from acquisition.values.noise_model import NoiseModel
+from acquisition import (
+    CameraModel,
+    CapturePlan,
+    DataError,
+    Lights,
+    MissingPathError,
+    NoiseModel,
+    Session,
+    StorageError,
+    read_image,
+    verify_session,
+)
+from acquisition.plan import PlannedShot
+from acquisition.session import (
+    CameraModelRecord,
+    CameraRecord,
+    EventLine,
+    LightsRecord,
+    Manifest,
+    SensorRecord,
+    SessionWriter,
+)
 from rig.arrays import UInt16
 
 PLAN = CapturePlan(leds=(0, 1, 2), exposures_us=(100.0,))

@@ -12,19 +12,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition._errors import DataError, StorageError
-from acquisition.engine.engine import check_resume, record, resume
-from acquisition.engine.recording_loop import RecordingHooks
-from acquisition.plan.plan import CapturePlan
+from acquisition import (
+    CapturePlan,
+    DataError,
+    RecordingHooks,
+    Session,
+    StorageError,
+    read_source,
+    record,
+    resume,
+    verify_session,
+)
+from acquisition.engine import check_resume
+from acquisition.session import Echo, Manifest, SessionWriter, compact_session, damaged_frames
 from acquisition.session import frame_proofs as _frame_proofs
-from acquisition.session.compact import compact_session
-from acquisition.session.frame_proofs import damaged_frames
-from acquisition.session.journal import Echo
-from acquisition.session.manifest import Manifest
-from acquisition.session.session import Session
-from acquisition.session.verify import verify_session
-from acquisition.session.writer import SessionWriter
-from acquisition.source.reader import read_source
 from rig import Rig
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench, cut, events_of, flip, rig_on, seen
 from tests.acquisition.mutants import rows_of, seal

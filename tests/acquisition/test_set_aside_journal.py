@@ -10,11 +10,8 @@ from typing import Any
 
 import pytest
 
-from acquisition._errors import DataError
-from acquisition.engine.engine import record, resume
-from acquisition.session.session import Session
-from acquisition.session.verify import verify_session
-from acquisition.session.writer import SessionWriter
+from acquisition import DataError, Session, record, resume, verify_session
+from acquisition.session import SessionWriter
 from rig import Rig
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench, cut, events_of, flip
 from tests.acquisition.interruptions import make_older
@@ -122,8 +119,8 @@ SERVER = """
 import os, sys
 from pathlib import Path
 import numpy as np
-from acquisition.pixels.quality import measure_quality
-from acquisition.session.writer import SessionWriter
+from acquisition.pixels import measure_quality
+from acquisition.session import SessionWriter
 
 measure_quality(np.zeros((16, 16), np.uint16), white_level_dn=4095)  # compile it once
 

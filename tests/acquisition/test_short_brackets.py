@@ -7,10 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from acquisition.engine.engine import record, resume
-from acquisition.engine.recording_loop import RecordingHooks
-from acquisition.plan.plan import CapturePlan
-from acquisition.session.session import Session
+from acquisition import CapturePlan, RecordingHooks, Session, record, resume
 from rig import CameraError, Rig, RigError
 from tests.acquisition.fake_bench import LABELS, Bench, events_of, rig_on
 

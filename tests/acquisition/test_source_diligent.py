@@ -9,10 +9,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from acquisition._errors import DataError
-from acquisition.pixels.images import write_png
-from acquisition.source.reader import read_source
-from acquisition.values.lights import Lights
+from acquisition import DataError, Lights, read_source, write_png
 
 DATA = os.environ.get("SGP_DATA")
 needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of real data")

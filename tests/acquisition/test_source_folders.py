@@ -11,14 +11,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition._errors import DataError, MissingPathError
-from acquisition.pixels.images import write_exr, write_png, write_tiff
+from acquisition import (
+    CameraModel,
+    DataError,
+    Lights,
+    MissingPathError,
+    read_lights,
+    read_source,
+    write_exr,
+    write_png,
+)
+from acquisition.pixels import write_tiff
 from acquisition.source.image_folder import numbered_series
-from acquisition.source.reader import read_source
-from acquisition.value_files.lights import read_lights
-from acquisition.values.camera_model import CameraModel
-from acquisition.values.lights import Lights
-from acquisition.values.setup import Calibrated
+from acquisition.values import Calibrated
 
 DATA = os.environ.get("SGP_DATA")
 needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of real data")

@@ -9,10 +9,9 @@ import pytest
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
-from acquisition import SRGB, import_frames, read_import, read_source
-from acquisition.imports.watch import watch_folder
-from acquisition.imports.watch_shots import Watch, lights_in_order
-from acquisition.pixels.images import write_png, write_tiff
+from acquisition import SRGB, import_frames, read_source, watch_folder, write_png
+from acquisition.imports import Watch, lights_in_order, read_import
+from acquisition.pixels import write_tiff
 from acquisition.source.series_facts import split_references
 from calibration import linear_stack
 

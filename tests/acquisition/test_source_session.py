@@ -8,17 +8,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition._errors import DataError
-from acquisition.pixels.images import write_exr, write_png
-from acquisition.plan.plan import CapturePlan
-from acquisition.session.lights_record import LightsRecord
-from acquisition.session.manifest import CameraRecord, Manifest
-from acquisition.session.value_records import CameraModelRecord
-from acquisition.session.verify import verify_session
-from acquisition.session.writer import SessionWriter
-from acquisition.source.reader import read_source
-from acquisition.values.camera_model import CameraModel
-from acquisition.values.lights import Lights
+from acquisition import (
+    CameraModel,
+    CapturePlan,
+    DataError,
+    Lights,
+    read_source,
+    verify_session,
+    write_exr,
+    write_png,
+)
+from acquisition.session import (
+    CameraModelRecord,
+    CameraRecord,
+    LightsRecord,
+    Manifest,
+    SessionWriter,
+)
 
 SHAPE = (4, 6)
 K = np.array([[9.0, 0, 3], [0, 9, 2], [0, 0, 1]])

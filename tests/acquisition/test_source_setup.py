@@ -8,19 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition import (
-    Calibrated,
-    CameraModel,
-    Lights,
-    Setup,
-    Source,
-    crop,
-    downscale,
-    read_source,
-    setup_notices,
-    source_setup,
-    write_png,
-)
+from acquisition import CameraModel, Lights, Setup, Source, crop, downscale, read_source, write_png
+from acquisition.source import setup_notices, source_setup
+from acquisition.values import Calibrated
 
 SIZE = (64, 80)
 RIG, CAMERA = "lights-of-another-rig", "lights-of-another-camera"

@@ -17,9 +17,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image, ImageCms
 
-from acquisition import LINEAR, SRGB, TransferCurve, write_exr, write_png, write_tiff
+from acquisition import LINEAR, SRGB, TransferCurve, write_exr, write_png
+from acquisition.pixels import image_facts, write_tiff
 from acquisition.pixels.icc_curve import icc_curve
-from acquisition.pixels.stated_facts import image_facts
 from acquisition.source.series_facts import transfer_notices
 from rig import UnreadableError
 

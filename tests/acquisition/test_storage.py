@@ -10,21 +10,26 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition._errors import DataError, StorageError
-from acquisition.exports.captioned_images import Caption, write_captioned_exr, write_captioned_png
+from acquisition import (
+    CapturePlan,
+    DataError,
+    Lights,
+    Session,
+    StorageError,
+    import_frames,
+    read_image,
+    verify_session,
+    write_durably,
+    write_png,
+)
+from acquisition.exports import Caption
+from acquisition.exports.captioned_images import write_captioned_exr, write_captioned_png
 from acquisition.exports.tables import write_diligent_tables
 from acquisition.files import part_files as _part_files
 from acquisition.files import storage as _storage
-from acquisition.files.storage import write_durably
-from acquisition.imports.frames import import_frames, read_import
-from acquisition.pixels.camera_raw import read_raw
-from acquisition.pixels.images import read_image, write_png
-from acquisition.plan.plan import CapturePlan
-from acquisition.session.manifest import CameraRecord, Manifest, SoftwareRecord
-from acquisition.session.session import Session
-from acquisition.session.verify import verify_session
-from acquisition.session.writer import SessionWriter
-from acquisition.values.lights import Lights
+from acquisition.imports import read_import
+from acquisition.pixels import read_raw
+from acquisition.session import CameraRecord, Manifest, SessionWriter, SoftwareRecord
 
 PIXELS = np.arange(48, dtype=np.uint16).reshape(6, 8)
 CAPTION = Caption(

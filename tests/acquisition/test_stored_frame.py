@@ -11,8 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from acquisition._errors import StorageError
-from acquisition.pixels.images import read_image
+from acquisition import StorageError, read_image
 from acquisition.session.frame_file import store_frame
 from acquisition.session.session_frame import pixels_sha256
 from rig.arrays import UInt16

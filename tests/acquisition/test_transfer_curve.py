@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from acquisition import LINEAR, SRGB, DataError, MissingPathError, TransferCurve, read_transfer
+from acquisition import LINEAR, SRGB, DataError, MissingPathError, TransferCurve
+from acquisition.value_files import read_transfer
 
 
 def srgb_light(sample: int) -> float:

@@ -18,22 +18,20 @@ from acquisition import (
     SRGB,
     DataError,
     Lights,
-    Linearizer,
     Source,
     TransferCurve,
-    Watch,
     import_frames,
-    lights_in_order,
-    prepare_export,
-    read_import,
     read_source,
     verify_session,
     watch_folder,
     write_exr,
     write_png,
-    write_tiff,
 )
+from acquisition.exports import prepare_export
+from acquisition.imports import Watch, lights_in_order, read_import
+from acquisition.pixels import write_tiff
 from acquisition.session.manifest import parse_manifest
+from acquisition.source import Linearizer
 
 TABLE = TransferCurve.table([[0, 0], [100, 10], [255, 100]])
 GREY = np.arange(256, dtype=np.uint8).reshape(16, 16)

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from acquisition import DataError, Lights, led_id, light_id
+from acquisition import DataError, Lights
+from acquisition.values import led_id, light_id
 
 UP = [[0.0, 0.0, 1.0]]
 

@@ -7,7 +7,7 @@ import pytest
 
 from acquisition import DataError, NoiseModel
 from acquisition.files.text_files import to_toml
-from acquisition.session.value_records import SensorRecord
+from acquisition.session import SensorRecord
 
 
 def test_variance_is_a_line_of_slope_one_over_electrons_per_dn():

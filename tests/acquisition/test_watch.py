@@ -13,17 +13,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition._errors import DataError, MissingPathError, StorageError
+from acquisition import (
+    CapturePlan,
+    DataError,
+    Labels,
+    Lights,
+    MissingPathError,
+    Session,
+    StorageError,
+    verify_session,
+    watch_folder,
+    write_exr,
+    write_png,
+)
+from acquisition.imports import Watch, WatchResult, lights_in_order
 from acquisition.imports import watch_files as _watch_files
-from acquisition.imports.watch import WatchResult, watch_folder
-from acquisition.imports.watch_shots import Watch, lights_in_order
-from acquisition.pixels.images import write_exr, write_png, write_tiff
-from acquisition.plan.plan import CapturePlan
-from acquisition.session.manifest import Labels, Manifest
-from acquisition.session.session import Session
-from acquisition.session.verify import verify_session
-from acquisition.session.writer import SessionWriter
-from acquisition.values.lights import Lights
+from acquisition.pixels import write_tiff
+from acquisition.session import Manifest, SessionWriter
 from rig.arrays import UInt16
 
 SHAPE = (8, 10)

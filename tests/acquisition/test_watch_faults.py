@@ -15,18 +15,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition._errors import DataError
-from acquisition.imports.watch import WatchResult, watch_folder
-from acquisition.imports.watch_shots import Watch, lights_in_order
-from acquisition.pixels.images import write_png
-from acquisition.session.session import Session
-from acquisition.session.verify import verify_session
+from acquisition import DataError, Session, verify_session, watch_folder, write_png
+from acquisition.imports import Watch, WatchResult, lights_in_order
 
 ROOT = Path(__file__).parents[2]
 PROGRAM = """
 import sys
 from pathlib import Path
-from acquisition import Watch, lights_in_order, watch_folder
+from acquisition import watch_folder
+from acquisition.imports import Watch, lights_in_order
 folder, out, leds = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])
 watch = Watch(folder, lights_in_order(leds), timeout_s=30.0, settle_s=0.05)
 watch_folder(watch, out, on_message=lambda line: print(line, flush=True))

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from acquisition._errors import DataError
+from acquisition import DataError
 from acquisition.imports.watch_match import Arrival, Match, Rule, follows_gap, match_shots
 from acquisition.values.running_numbers import in_order, natural, running_number
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from acquisition._errors import StorageError
+from acquisition import StorageError
 from acquisition.engine.write_queue import Turn, WriteQueue
 
 FOLDER = Path("session")

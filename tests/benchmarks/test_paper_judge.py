@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from acquisition import angle_deg
 from benchmarks.paper.judge import AS_SURFACES, FLOOR, PLAIN, SAME_SURFACES, judge
 from benchmarks.paper.measure import IN_NORMALS
 from benchmarks.paper.peers.surfaces import Surfaces
-from processing import NormalMap, angle_deg
+from processing import NormalMap
 
 SIDE = 48
 

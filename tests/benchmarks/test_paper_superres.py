@@ -43,7 +43,7 @@ SEEDS = {"bark": [-30, -31], "moss": [-20.5, -22.5]}
     ],
 )
 def test_the_note_names_the_better_domain(detail, normals, text) -> None:
-    model = processing.read_superres_model(None, 4)
+    model = processing.superres.read_superres_model(None, 4)
     one = judgement({"detail": detail, "normals": normals})
     found = [("reliefs", "bark", one), ("smooth", "ball", one)]
     table = tables.domains(4, found, {"detail": [model], "normals": [model]})
@@ -58,7 +58,7 @@ def test_the_note_names_the_better_domain(detail, normals, text) -> None:
 
 
 def test_the_spread_of_a_class_is_that_of_its_mean() -> None:
-    model = processing.read_superres_model(None, 4)
+    model = processing.superres.read_superres_model(None, 4)
     found = [("reliefs", name, judgement({"detail": changes})) for name, changes in SEEDS.items()]
     table = tables.domains(4, found, {"detail": [model]})
     assert [table.rows[name][1] for name in SEEDS] == pytest.approx([1, 2])
@@ -66,7 +66,7 @@ def test_the_spread_of_a_class_is_that_of_its_mean() -> None:
 
 
 def test_domains_are_compared_only_between_networks_trained_alike() -> None:
-    model = processing.read_superres_model(None, 4)
+    model = processing.superres.read_superres_model(None, 4)
     longer = dataclasses.replace(model, training=model.training | {"steps": 123_456})
     found = [("reliefs", "bark", judgement({"detail": [-30, -31], "normals": [-20, -21]}))]
     note = tables.domains(4, found, {"detail": [model], "normals": [longer]}).note
@@ -78,7 +78,7 @@ def test_domains_are_compared_only_between_networks_trained_alike() -> None:
 
 
 def test_the_tables_have_a_row_for_each_map_and_class() -> None:
-    model = processing.read_superres_model(None, 4)
+    model = processing.superres.read_superres_model(None, 4)
     one = judgement({})
     larger = dataclasses.replace(one, bicubic_deg=6.0, own_deg=5.5, pixels=900)
     found = [("reliefs", "rel", one), ("captured", "cap", larger), ("smooth", "smo", one)]
@@ -101,11 +101,11 @@ def test_a_map_is_judged_against_itself() -> None:
     y, x = np.mgrid[:66, :85]
     slopes = 0.3 * np.sin(x / 3 + np.sin(y / 8)), 0.3 * np.cos(y / 6)
     truth = NormalMap.from_vectors(np.dstack([*slopes, np.ones((66, 85))]))
-    own = processing.read_superres_model(None, 4)
+    own = processing.superres.read_superres_model(None, 4)
     one = judge(truth, own, {own.domain: [own]})
     assert 0 < one.own_deg < one.bicubic_deg
     cut = NormalMap(truth.normals[:64, :84].copy(), truth.mask[:64, :84].copy())
-    low = processing.low_resolution(cut, 4)
+    low = processing.superres.low_resolution(cut, 4)
     alone = processing.super_resolve(low, 4, self_ensemble=False).normal_map
     error = processing.angular_error(alone, cut)
     assert one.by_domain == {own.domain: [error.mae_deg]}

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from acquisition import angle_deg
 from benchmarks.paper import __main__ as command
 from benchmarks.paper import figures as paper
 from benchmarks.paper import run as _paper_run
@@ -18,7 +19,7 @@ from benchmarks.paper.faces import FACES
 from benchmarks.paper.measure import METHODS, measure
 from benchmarks.paper.sources import Sources, bowl
 from benchmarks.paper.tables import Table, markdown
-from processing import NormalMap, ShapeFilter, angle_deg, combine, separate
+from processing import NormalMap, ShapeFilter, combine, separate
 from rig import no_progress
 from sgp import read_record
 from tests.quick_sample import quick

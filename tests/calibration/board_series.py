@@ -8,9 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import CameraModel
-from calibration import BoardView, CharucoBoard
+from calibration import CharucoBoard
+from calibration.camera import BoardView
 from rig.arrays import Float32, Float64
-from simulator import ChArUco, Lens, board_view
+from simulator import Lens
+from simulator.rendering import board_view
+from simulator.shapes import ChArUco
 
 Pose = tuple[Float64, Float64]
 

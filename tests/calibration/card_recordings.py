@@ -10,7 +10,7 @@ import numpy as np
 
 from acquisition import CameraModel, Frame, NoiseModel, Source
 from simulator import Lens, render, scene_named
-from simulator.camera.sensor import fixed_pattern, sensor_image
+from simulator.camera import fixed_pattern, sensor_image
 
 SENSOR = NoiseModel(2.5, 2.5, 64.0, 12, dsnu_e=2.0, prnu=0.01)
 EXPOSURE_US = 20_000.0

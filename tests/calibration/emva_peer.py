@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from acquisition import write_tiff
+from acquisition.pixels import write_tiff
 
 FIGURES = (
     "K", "sigma_y_dark", "sigma_d", "u_e_sat", "SNR_max", "DR", "LE_min", "LE_max", "u_I_mean",

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from acquisition import Frame, Source
-from simulator.camera.sensor import fixed_pattern, sensor_image
+from simulator.camera import fixed_pattern, sensor_image
 
 LONGEST_US = 20_000.0
 

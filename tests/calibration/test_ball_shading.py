@@ -10,7 +10,7 @@ import pytest
 
 from acquisition import angle_deg, read_source
 from calibration import calibrate_spheres, linear_stack
-from calibration.spheres.geometry.reflection import orthographic_directions
+from calibration.spheres import orthographic_directions
 
 DATA = os.environ.get("SGP_DATA")
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"

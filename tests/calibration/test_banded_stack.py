@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from acquisition import (
     CameraModel,
+    CapturePlan,
     DataError,
     Lights,
     StorageError,
@@ -21,11 +22,15 @@ from acquisition import (
     write_png,
 )
 from acquisition.pixels.plain_rows import plain_rows
-from acquisition.plan.plan import CapturePlan
-from acquisition.session.compact import compact_session
-from acquisition.session.manifest import CameraRecord, Manifest, RigRecord
-from acquisition.session.value_records import SensorRecord
-from acquisition.session.writer import CameraReport, SessionWriter
+from acquisition.session import (
+    CameraRecord,
+    CameraReport,
+    Manifest,
+    RigRecord,
+    SensorRecord,
+    SessionWriter,
+    compact_session,
+)
 from calibration import EstimateError, linear_stack, open_stack
 from rig import Mounting
 from tests.quick_sample import quick

@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from calibration.spheres.geometry.ellipse import Ellipse
-from calibration.spheres.highlights.highlights import find_highlights
+from calibration.spheres import Ellipse, SphereImage, find_highlights
 from calibration.spheres.outline.joint_edge import bright_support
 from calibration.spheres.outline.outline_confirmation import in_all_images
-from calibration.spheres.outline.sphere_image import SphereImage
 
 CENTRE, RADIUS, BORDER = (100.0, 100.0), 60.0, 44.0
 

@@ -7,17 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from acquisition import CameraModel
-from calibration import (
-    BoardView,
-    CameraCalibration,
-    CharucoBoard,
-    DataError,
-    EstimateError,
-    calibrate_camera,
-    find_board,
-    find_working_plane,
-)
+from acquisition import CameraModel, DataError
+from calibration import CameraCalibration, CharucoBoard, EstimateError, calibrate_camera, find_board
+from calibration.camera import BoardView, find_working_plane
 from simulator import Lens
 from tests.calibration.board_series import (
     BOARD,

@@ -5,8 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration import EstimateError, calibrate_spheres, sphere_candidates
-from simulator import Ball, Checker, ChromeSphere, Even, render, scene_named
+from calibration import EstimateError, calibrate_spheres
+from calibration.spheres import sphere_candidates
+from simulator import ChromeSphere, render, scene_named
+from simulator.scene import Ball
+from simulator.shapes import Checker, Even
 
 
 @pytest.fixture(scope="module")

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.spheres.highlights.highlights import Candidates, Highlights
+from calibration.spheres import Candidates, Highlights, KnownSpheres
 from calibration.spheres.position_calibration import choose_highlights
-from calibration.spheres.solve.joint_refinement import KnownSpheres
 
 TWO = [((-90, 0, 20), 20.0), ((90, 0, 20), 20.0)]
 THREE = [*TWO, ((0, 60, 20), 20.0)]

@@ -12,8 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from acquisition import Calibrated, DataError, LightErrors, Lights
-from calibration import LightComparison, compare_lights, compare_with_rig
+from acquisition import DataError, LightErrors, Lights
+from acquisition.values import Calibrated
+from calibration import LightComparison, compare_lights
+from calibration.comparison import compare_with_rig
 from rig import RigConfig
 from rig.arrays import Float64
 from tests.quick_sample import quick

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from calibration import EstimateError, calibrate_spheres
-from calibration.spheres.geometry.ellipse import fit_ellipse
+from calibration.spheres import fit_ellipse
 from simulator import ChromeSphere, render, scene_named
 
 pytestmark = pytest.mark.slow

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from acquisition import angle_deg, read_source, write_png
 from calibration import EstimateError, calibrate_moved_spheres, calibrate_spheres, raw_stack
-from calibration.spheres import recording
-from calibration.spheres.geometry.ellipse import Ellipse
+from calibration.spheres import Ellipse, recording
 from calibration.spheres.judge.sphere_shifts import displaced
 from calibration.spheres.solve.lost_images import blank_images
 from tests.calibration.spheres_and_object import CIRCLES, write_recording

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from acquisition import MissingPathError
-from calibration import CharucoBoard, DataError, EstimateError, find_board, read_board, write_board
+from acquisition import DataError, MissingPathError
+from calibration import CharucoBoard, EstimateError, find_board, read_board
+from calibration.camera import write_board
 from calibration.camera.board import DICTIONARIES
 from tests.calibration.board_series import BOARD, CAMERA, FLAT, corners, poses, shot
 from tests.quick_sample import quick

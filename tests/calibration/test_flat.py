@@ -8,8 +8,13 @@ import numpy as np
 import pytest
 
 from acquisition import DataError, LightErrors, Lights, NoiseModel, crop
-from calibration import EstimateError, calibrate_flat, calibrate_intensities, linear_stack
-from calibration.intensities.surface import MatteSurface
+from calibration import (
+    EstimateError,
+    MatteSurface,
+    calibrate_flat,
+    calibrate_intensities,
+    linear_stack,
+)
 from tests.calibration.card_recordings import SENSOR, card, gloss, recorded, response, rms
 
 WIDTH = 160

@@ -6,9 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition import Flat, Frame, Lights, NoiseModel, Source, apply_flat, crop, downscale
-from calibration import linear_images, linear_stack, open_stack, raw_stack
-from simulator.camera.sensor import sensor_image
+from acquisition import Flat, Frame, Lights, NoiseModel, Source, crop, downscale
+from acquisition.source import apply_flat
+from calibration import linear_stack, open_stack, raw_stack
+from calibration.radiance import linear_images
+from simulator.camera import sensor_image
 
 SENSOR = NoiseModel(2.5, 2.5, 64.0, 12)
 SHAPE = (64, 160)

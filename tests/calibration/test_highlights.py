@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from calibration.spheres.geometry.ellipse import Ellipse
-from calibration.spheres.highlights.highlights import Candidates, Highlights, find_highlights
+from calibration.spheres import Candidates, Ellipse, Highlights, find_highlights
 from calibration.spheres.highlights.spot import weighted_centroid
 
 OUTLINE = Ellipse((60.0, 50.0), (40.0, 40.0))

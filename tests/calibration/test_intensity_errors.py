@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from acquisition import CameraModel, DataError, LightErrors, Lights, angle_deg, tangent_basis
+from acquisition import CameraModel, DataError, LightErrors, Lights, angle_deg
+from acquisition.values import tangent_basis
 from calibration import EstimateError, MatteSurface, calibrate_intensities
 
 CAMERA = CameraModel(np.array([[65.0, 0, 15.5], [0, 65.0, 11.5], [0, 0, 1]]), 32, 24, 600)

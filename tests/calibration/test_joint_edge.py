@@ -10,12 +10,10 @@ import numpy as np
 import pytest
 
 from calibration import EstimateError
-from calibration.spheres.geometry.ellipse import Ellipse
-from calibration.spheres.highlights.highlights import find_highlights
+from calibration.spheres import Ellipse, SphereImage, find_highlights
 from calibration.spheres.outline.joint_edge import joint_outline, part_covariance
 from calibration.spheres.outline.joint_search import joint_near
 from calibration.spheres.outline.outline_confirmation import confirmed, in_all_images
-from calibration.spheres.outline.sphere_image import SphereImage
 from calibration.spheres.solve.average_directions import orthographic_lights
 from calibration.spheres.solve.sphere_calibration import SeenTogether
 

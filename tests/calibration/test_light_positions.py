@@ -7,8 +7,8 @@ import pytest
 from scipy.optimize import least_squares
 
 from calibration import EstimateError
-from calibration.spheres.geometry.cone import fit_cone
-from calibration.spheres.solve.joint_refinement import KnownSpheres, Observation, linearise, refine
+from calibration.spheres import KnownSpheres, fit_cone
+from calibration.spheres.solve.joint_refinement import Observation, linearise, refine
 from calibration.spheres.solve.light_positions import locate_lights, pair_positions
 from calibration.spheres.solve.lost_images import named
 from calibration.spheres.solve.sphere_positions import off_the_plane, place

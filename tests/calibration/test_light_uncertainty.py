@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
-from acquisition import tangent_basis
-from calibration.spheres.geometry.ellipse import Ellipse
-from calibration.spheres.geometry.reflection import orthographic_directions
+from acquisition.values import tangent_basis
+from calibration.spheres import Ellipse, orthographic_directions
 from calibration.spheres.outline.outline_noise import circle_covariance, slow_variance, viewing_cone
 from calibration.spheres.solve.average_directions import direction_covariances
 

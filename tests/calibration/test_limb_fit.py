@@ -8,7 +8,8 @@ import pytest
 from calibration.spheres.highlights.spots import reduce_stack
 from calibration.spheres.outline.limb_fit import _texture, fit_limb
 from calibration.spheres.outline.surroundings import Balls, MirroredPlane
-from simulator import Checker, ChromeSphere, Even, Gradient, Lens, render, scene_named
+from simulator import ChromeSphere, Lens, render, scene_named
+from simulator.shapes import Checker, Even, Gradient
 
 SIZE, CENTRE, RADIUS = (400, 320), (-20.0, 15.0, 20.0), 20.0
 

@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.spheres.geometry.ellipse import fit_ellipse
-from calibration.spheres.highlights.highlights import find_highlights
+from calibration import find_spheres
+from calibration.spheres import find_highlights, fit_ellipse
 from calibration.spheres.propose.edge_search import is_painted
-from calibration.spheres.propose.sphere_selection import find_spheres
-from simulator import Ball, Checker, ChromeSphere, render, scene_named
+from simulator import ChromeSphere, render, scene_named
+from simulator.scene import Ball
+from simulator.shapes import Checker
 
 
 @pytest.fixture(scope="module")

@@ -6,14 +6,8 @@ import numpy as np
 import pytest
 
 from acquisition import CameraModel, DataError, Setup, read_source, write_png
-from calibration import (
-    EstimateError,
-    Stack,
-    calibrate_moved_spheres,
-    calibrate_spheres,
-    check_recordings,
-    record_setup,
-)
+from calibration import EstimateError, Stack, calibrate_moved_spheres, calibrate_spheres
+from calibration.spheres import check_recordings, record_setup
 from calibration.spheres.spheres_beside_object import light_difference
 from tests.calibration.moved import RADII_MM, masks, planes, rendered
 from tests.quick_sample import quick

@@ -5,7 +5,7 @@ import pytest
 
 from acquisition import angle_deg
 from calibration import EstimateError, calibrate_spheres
-from calibration.spheres.geometry.ellipse import Ellipse
+from calibration.spheres import Ellipse
 from calibration.spheres.outline.mirrored_border import is_mirrored_border
 from calibration.spheres.outline.near_circle import outline_near
 from calibration.spheres.outline.outline import OutlineImages

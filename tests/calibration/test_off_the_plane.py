@@ -8,8 +8,7 @@ import pytest
 
 from acquisition import CameraModel
 from calibration import calibrate_spheres
-from calibration.spheres.geometry.ellipse import Ellipse
-from calibration.spheres.solve.joint_refinement import KnownSpheres
+from calibration.spheres import Ellipse, KnownSpheres
 from calibration.spheres.solve.sphere_positions import one_off_the_plane
 from simulator import ChromeSphere, render, scene_named
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from calibration import find_spheres
-from calibration.spheres.geometry.ellipse import fit_circle, fit_ellipse
+from calibration.spheres import fit_circle, fit_ellipse
 from calibration.spheres.outline.outline_noise import outline_covariance
 from simulator import render, scene_named
 

@@ -4,10 +4,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calibration import EstimateError
-from calibration.spheres.geometry.cone import fit_cone
-from calibration.spheres.geometry.ellipse import Ellipse, fit_circle, fit_ellipse
+from calibration.spheres import Ellipse, fit_circle, fit_cone, fit_ellipse, mask_outlines
 from calibration.spheres.outline.limb import edge_offsets, estimate_blur, profile_offsets
-from calibration.spheres.outline.outline import mask_outlines, refine_outline
+from calibration.spheres.outline.outline import refine_outline
 
 
 def on_ellipse(cx, cy, a, b, degrees, t):

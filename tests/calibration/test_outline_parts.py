@@ -5,13 +5,12 @@ import numpy as np
 import pytest
 
 from calibration import EstimateError
-from calibration.spheres.geometry.ellipse import Ellipse
+from calibration.spheres import Ellipse, mask_outlines
 from calibration.spheres.outline import outline
 from calibration.spheres.outline.outline import (
     _fit,
     _steepest,
     _white,
-    mask_outlines,
     outline_image,
     refine_outline,
 )

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calibration.spheres.geometry.cone import fit_cone
+from calibration.spheres import fit_cone
 from calibration.spheres.solve.joint_refinement import Observation
 from calibration.spheres.solve.light_positions import locate_lights
 from calibration.spheres.solve.sphere_positions import place

@@ -5,14 +5,8 @@ import numpy as np
 import pytest
 
 from acquisition import SRGB, Lights, read_source, write_png
-from calibration import (
-    EstimateError,
-    RawStack,
-    calibrate_spheres,
-    linear_stack,
-    raw_stack,
-    sphere_candidates,
-)
+from calibration import EstimateError, RawStack, calibrate_spheres, linear_stack, raw_stack
+from calibration.spheres import sphere_candidates
 from sgp.app import build, run
 from simulator import render, scene_named
 

@@ -3,12 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calibration.spheres.geometry.ellipse import Ellipse
-from calibration.spheres.geometry.reflection import (
-    mirror_points,
-    orthographic_directions,
-    reflected_rays,
-)
+from calibration.spheres import Ellipse, orthographic_directions
+from calibration.spheres.geometry.reflection import mirror_points, reflected_rays
 
 unit = st.floats(-0.6, 0.6)
 

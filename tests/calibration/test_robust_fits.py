@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from calibration import EstimateError
-from calibration.spheres.geometry.cone import fit_cone
-from calibration.spheres.geometry.ellipse import Ellipse, fit_circle, fit_ellipse
+from calibration.spheres import Ellipse, fit_circle, fit_cone, fit_ellipse
 from calibration.spheres.geometry.robust import (
     FINEST_PX,
     check_enough,

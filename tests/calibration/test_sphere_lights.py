@@ -7,11 +7,8 @@ import pytest
 
 from acquisition import DataError
 from calibration import EstimateError, Stack, calibrate_spheres
+from calibration.spheres import Ellipse, Highlights, SphereImage, recording
 from calibration.spheres import position_calibration as positioned_lights
-from calibration.spheres import recording
-from calibration.spheres.geometry.ellipse import Ellipse
-from calibration.spheres.highlights.highlights import Highlights
-from calibration.spheres.outline.sphere_image import SphereImage
 from calibration.spheres.solve.sphere_calibration import rms_deg
 from rig import Notice
 from tests.calibration.conftest import Bench, dome

@@ -5,11 +5,8 @@ import pytest
 
 from acquisition import DataError
 from calibration import EstimateError
-from calibration.spheres import recording
-from calibration.spheres.geometry.ellipse import Ellipse
-from calibration.spheres.highlights.highlights import Highlights
+from calibration.spheres import Ellipse, Highlights, SphereImage, recording
 from calibration.spheres.outline.near_circle import NearOutline
-from calibration.spheres.outline.sphere_image import SphereImage
 from calibration.spheres.propose import sphere_marks as marked
 from calibration.spheres.propose.sphere_marks import (
     _check_disc,

@@ -6,19 +6,15 @@ import numpy as np
 import pytest
 
 from acquisition import DataError
-from calibration import EstimateError, Stack, calibrate_spheres
-from calibration.spheres.geometry.cone import fit_cone
-from calibration.spheres.geometry.ellipse import Ellipse
-from calibration.spheres.highlights.highlights import Highlights
+from calibration import EstimateError, Stack, calibrate_spheres, find_spheres
+from calibration.spheres import Ellipse, Highlights, SphereImage, fit_cone
 from calibration.spheres.outline.sphere_image import (
-    SphereImage,
     missing_highlights_warning,
     partial_outline_warning,
     places,
     saturation_warning,
 )
 from calibration.spheres.propose.sphere_marks import circled_spheres, masked_spheres
-from calibration.spheres.propose.sphere_selection import find_spheres
 from calibration.spheres.solve.sphere_calibration import placed_spheres, seen_spheres
 from calibration.spheres.solve.sphere_positions import one_radius_each, place
 from tests.calibration.conftest import Bench, dome

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from calibration import EstimateError
-from calibration.spheres.geometry.ellipse import Ellipse
-from calibration.spheres.highlights.highlights import Highlights
+from calibration.spheres import Ellipse, Highlights
 from calibration.spheres.highlights.spots import reduce_stack, spot_clusters
 from calibration.spheres.propose import edge_search
 from calibration.spheres.propose import sphere_selection as search

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from acquisition import read_source
-from calibration import EstimateError, calibrate_spheres, linear_stack, sphere_candidates
+from calibration import EstimateError, calibrate_spheres, linear_stack
+from calibration.spheres import sphere_candidates
 from tests.quick_sample import quick
 
 DATA = os.environ.get("SGP_DATA")

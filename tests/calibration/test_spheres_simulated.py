@@ -11,7 +11,7 @@ from calibration import EstimateError, Stack, calibrate_spheres, find_spheres
 from calibration.spheres.propose import sphere_selection as search
 from calibration.spheres.propose.sphere_marks import masked_spheres
 from simulator import render, scene_named
-from simulator.camera.sensor import sensor_image
+from simulator.camera import sensor_image
 from tests.quick_sample import quick
 
 EXPOSURES_US = (20000.0, 40.0)

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from calibration.spheres.geometry.ellipse import Ellipse
-from calibration.spheres.highlights.highlights import find_highlights
+from calibration.spheres import Ellipse, find_highlights
 from calibration.spheres.highlights.spot import saturated_spot, unsaturated_spot
 
 CENTRE = np.array([40.3, 36.6])

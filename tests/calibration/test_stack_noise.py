@@ -10,7 +10,7 @@ import pytest
 from acquisition import LINEAR, SRGB, DataError, Frame, NoiseModel, Source, crop, downscale
 from calibration import StackNoise, linear_stack
 from calibration.radiance.brackets import clear_of_white, grown
-from simulator.camera.sensor import sensor_image
+from simulator.camera import sensor_image
 from tests.quick_sample import quick
 
 SENSOR = NoiseModel(2.5, 2.5, 64.0, 12)

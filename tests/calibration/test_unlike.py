@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 
 from calibration import EstimateError
-from calibration.spheres.geometry.ellipse import Ellipse
+from calibration.spheres import Ellipse, SphereImage, find_highlights
 from calibration.spheres.highlights.blobs import usual_size
-from calibration.spheres.highlights.highlights import find_highlights
 from calibration.spheres.outline.joint_search import JointNear, best_of, edges_support
 from calibration.spheres.outline.outline_confirmation import confirmed
-from calibration.spheres.outline.sphere_image import SphereImage
 from calibration.spheres.solve.average_directions import orthographic_lights
 from calibration.spheres.solve.lost_images import left_out
 from calibration.spheres.solve.sphere_calibration import SeenTogether

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from processing import NormalMap, axes_notices, integrability, read_normals, separate
+from processing import NormalMap, read_normals, separate
+from processing.surface import axes_notices, integrability
 
 DATA = os.environ.get("SGP_DATA")
 needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of real data")

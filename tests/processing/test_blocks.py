@@ -10,9 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from acquisition import BandStore, CameraModel, DamagedMapsError, DataError
+from acquisition import CameraModel, DataError
+from acquisition.files import BandStore, DamagedMapsError
 from calibration import EstimateError
-from processing import NormalMap, SurfaceStage, integrate, integrate_in_blocks
+from processing import NormalMap, integrate
+from processing.surface import SurfaceStage, integrate_in_blocks
 from processing.surface.blocks.block_files import BlockFiles
 from processing.surface.blocks.local_parts import NO_MEETING, LocalParts, meeting_of
 from processing.surface.blocks.plan import CELL, plan_blocks

@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition import Lights, Source, import_frames, read_import, read_source, write_tiff
+from acquisition import Lights, Source, import_frames, read_source
+from acquisition.imports import read_import
+from acquisition.pixels import write_tiff
 from processing import reconstruct
 from tests.quick_sample import quick
 

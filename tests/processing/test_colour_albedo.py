@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from acquisition import SRGB, CameraModel, DataError, Lights, read_source, write_png
-from calibration import luma
-from processing import NormalMap, albedo_picture, integrate, reconstruct
+from calibration.radiance import luma
+from processing import NormalMap, integrate, reconstruct
+from processing.colour import albedo_picture
 
 HEIGHT, WIDTH = 36, 40
 COUNT = 10

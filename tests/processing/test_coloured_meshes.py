@@ -11,7 +11,8 @@ import pytest
 import trimesh
 
 from acquisition import DataError, read_image
-from processing import NormalMap, height_picture, integrate, write_mesh
+from processing import NormalMap, integrate, write_mesh
+from processing.surface import height_picture
 
 HEIGHT, WIDTH = 13, 17
 

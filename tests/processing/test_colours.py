@@ -11,7 +11,7 @@ from calibration import EstimateError
 from processing import reconstruct
 from processing.noise.normal_errors import STRUCTURED
 from simulator import bench_sensor
-from simulator.camera.sensor import sensor_image
+from simulator.camera import sensor_image
 from tests.quick_sample import quick
 
 SIZE = (60, 80)

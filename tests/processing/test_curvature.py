@@ -5,7 +5,8 @@ import pytest
 
 from acquisition import CameraModel, DataError
 from calibration import EstimateError
-from processing import NormalMap, curvature
+from processing import NormalMap
+from processing.curvatures import curvature
 
 SIZE = (90, 110)
 # X right, Y up, in pixels from the middle.

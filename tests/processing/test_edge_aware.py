@@ -7,12 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
-from processing.detail.choices import FilterKind
-from processing.detail.separation import separate
-from processing.detail.shape_filter import ShapeFilter
-from processing.maps.metrics import angle_deg
-from processing.maps.normal_map import NormalMap
-from processing.maps.normal_map_files import read_normals
+from acquisition import angle_deg
+from processing import NormalMap, ShapeFilter, read_normals, separate
+from processing.detail import FilterKind
 from rig.arrays import Bool, Float64
 
 needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")

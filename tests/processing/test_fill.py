@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from acquisition import DataError
-from processing import NormalMap, angle_deg, fill_holes, read_normals, separate
+from acquisition import DataError, angle_deg
+from processing import NormalMap, fill_holes, read_normals, separate
 from rig.arrays import Bool
 from tests.quick_sample import quick
 

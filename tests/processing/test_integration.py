@@ -9,9 +9,7 @@ import pytest
 
 from acquisition import CameraModel, DataError
 from calibration import EstimateError
-from processing.maps.normal_map import NormalMap
-from processing.surface.height_map import HeightMap
-from processing.surface.integration import integrate
+from processing import HeightMap, NormalMap, integrate
 from rig.arrays import Float64
 
 needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")

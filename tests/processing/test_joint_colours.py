@@ -5,17 +5,17 @@ import dataclasses
 import numpy as np
 import pytest
 
-from acquisition import CameraModel, Lights
-from calibration import EstimateError, StackNoise, luma
-from processing import angle_deg
+from acquisition import CameraModel, Lights, angle_deg
+from calibration import EstimateError, StackNoise
+from calibration.radiance import luma
+from processing import StereoMaps
 from processing.colour.channel_normals import ColourImages, laws_of_colours, solve_colours
 from processing.colour.joint_colours import JointNoise, law_of_joint_samples, solve_jointly
 from processing.noise.normal_errors import as_uncertainty
 from processing.noise.pixel_variances import SolvedStack
 from processing.recording.colour_normals import shown_by_colours, variances_of_colours
-from processing.stereo.method import METHODS
+from processing.stereo import METHODS
 from processing.stereo.normals_and_albedo import stereo_of
-from processing.stereo.stereo_maps import StereoMaps
 
 SIZE = (70, 60)
 COUNT = 20

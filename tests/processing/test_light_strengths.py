@@ -7,7 +7,8 @@ import pytest
 
 from acquisition import DataError, Lights
 from calibration import EstimateError
-from processing import angular_error, light_strengths, photometric_stereo
+from processing import angular_error, photometric_stereo
+from processing.checks import light_strengths
 from processing.checks.strength_fit import solve_normals, strength_information
 
 SIZE = 40

@@ -9,14 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from acquisition import DataError
-from processing.detail.local_transfer import Pose, Similarity, transfer_local
+from acquisition import DataError, angle_deg
+from processing import NormalMap, ShapeFilter, read_normals, separate, transfer_local
+from processing.detail import Pose, Similarity
 from processing.detail.seam import _membrane, blend_detail, seam_of, seam_steps
-from processing.detail.separation import separate
-from processing.detail.shape_filter import ShapeFilter
-from processing.maps.metrics import angle_deg
-from processing.maps.normal_map import NormalMap
-from processing.maps.normal_map_files import read_normals
 from rig.arrays import Bool, Float64
 from tests.quick_sample import quick
 

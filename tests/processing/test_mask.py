@@ -7,7 +7,7 @@ from scipy import ndimage
 
 from acquisition import DataError, read_image
 from calibration import EstimateError
-from processing import object_mask
+from processing.maps import object_mask
 
 
 def _directions(count=12):

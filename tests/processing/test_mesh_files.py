@@ -12,11 +12,8 @@ from hypothesis import strategies as st
 from scipy.integrate import dblquad as integrate_twice
 
 from acquisition import CameraModel, DataError, StorageError
-from processing import height_mesh, write_mesh
-from processing.maps.normal_map import NormalMap
+from processing import HeightMap, NormalMap, height_mesh, integrate, write_mesh
 from processing.meshes.face_kernels import faces_of
-from processing.surface.height_map import HeightMap
-from processing.surface.integration import integrate
 from rig.arrays import Bool
 
 FORMATS = ("ply", "obj", "stl", "glb")

@@ -15,8 +15,6 @@ from acquisition import CameraModel, DataError
 from processing import (
     Geometry,
     HeightMap,
-    Jumps,
-    Mesh,
     NormalMap,
     height_mesh,
     integrate,
@@ -24,8 +22,10 @@ from processing import (
     solid_mesh,
     write_mesh,
 )
+from processing.meshes import Mesh
 from processing.meshes.rim import rim
 from processing.meshes.simplification import pixels_of
+from processing.surface import Jumps
 from rig.arrays import Bool
 from tests.processing.test_mesh_files import dome, flat, read
 

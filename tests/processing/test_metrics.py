@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from acquisition import DataError
-from processing import NormalMap, angle_deg, angular_error, ssim
+from acquisition import DataError, angle_deg
+from processing import NormalMap, angular_error, ssim
 from processing.maps.metrics import angle_map_deg
 
 

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from acquisition import DataError, Frame, Lights, Source, angle_deg, crop, downscale
-from calibration import demosaic, linear_stack
+from calibration import linear_stack
+from calibration.radiance import demosaic
 from processing import reconstruct
 from processing.images.mosaic import albedo_of_sites
 from simulator import bench_sensor
-from simulator.camera.sensor import sensor_image
+from simulator.camera import sensor_image
 from tests.quick_sample import quick
 
 SIZE = (72, 96)

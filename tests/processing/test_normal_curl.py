@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from acquisition import CameraModel, DataError
-from processing import NormalMap, curl_notices, integrate, normal_curl
+from processing import NormalMap, integrate, normal_curl
+from processing.surface import curl_notices
 from rig.arrays import Float64
 from tests.processing.test_jumps import horn
 

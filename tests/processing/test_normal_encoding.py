@@ -9,8 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
+from processing import read_normals
+from processing.maps import store_normals
 from processing.maps.normal_encoding import normal_encoding
-from processing.maps.normal_map_files import read_normals, store_normals
 from rig.arrays import Float64, UInt8
 
 Y, X = np.mgrid[:60, :80]

@@ -7,8 +7,9 @@ import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 import pytest
 from scipy.io import loadmat
 
-from acquisition import DataError, MissingPathError, write_exr, write_png, write_tiff
-from processing import NormalMap, angle_deg, read_normals, write_normals
+from acquisition import DataError, MissingPathError, angle_deg, write_exr, write_png
+from acquisition.pixels import write_tiff
+from processing import NormalMap, read_normals, write_normals
 
 needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="needs real maps in SGP_DATA")
 

@@ -5,19 +5,15 @@ import dataclasses
 import numpy as np
 import pytest
 
-from acquisition import CameraModel, DataError, LightErrors, Lights, angle_deg, tangent_basis
+from acquisition import CameraModel, DataError, LightErrors, Lights, angle_deg
+from acquisition.values import tangent_basis
 from calibration import StackNoise
-from processing import (
-    UNIFORM_DEG,
-    Reason,
-    SampleKind,
-    normal_uncertainty,
-    photometric_stereo,
-)
+from processing import SampleKind, photometric_stereo
+from processing.noise import UNIFORM_DEG, Reason, normal_uncertainty
 from processing.noise.light_table import light_table, near_variances
 from processing.noise.normal_errors import in_degrees
 from processing.noise.pixel_variances import kinds_of
-from processing.stereo.method import METHODS
+from processing.stereo import METHODS
 from tests.quick_sample import quick
 
 SLOPE, FLOOR = 1e-4, 2.5e-7

@@ -4,10 +4,10 @@ import numba
 import numpy as np
 import pytest
 
-from acquisition import Lights
+from acquisition import Lights, angle_deg
 from calibration import StackNoise
-from processing import angle_deg, photometric_stereo
-from simulator import Ggx
+from processing import photometric_stereo
+from simulator.scene import Ggx
 from simulator.scene.reflectance import reflectance
 
 

@@ -3,10 +3,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from acquisition import DataError, Lights
+from acquisition import DataError, Lights, angle_deg
 from calibration import EstimateError
-from processing import angle_deg, photometric_stereo
-from processing.stereo.method import METHODS as METHOD_NAMES
+from processing import photometric_stereo
+from processing.stereo import METHODS as METHOD_NAMES
 
 METHODS = pytest.mark.parametrize("method", METHOD_NAMES)
 

@@ -5,11 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from acquisition import DataError, Lights
+from acquisition import DataError, Lights, angle_deg
 from calibration import StackNoise
-from processing import angle_deg, photometric_stereo
-from processing.stereo.method import METHODS
-from simulator import Measurement, bench_sensor, cramer_rao_deg
+from processing import photometric_stereo
+from processing.stereo import METHODS
+from simulator import bench_sensor
+from simulator.rendering import Measurement, cramer_rao_deg
 
 SLOPE, FLOOR = 1e-4, 2.5e-7
 

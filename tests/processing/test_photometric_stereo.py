@@ -4,10 +4,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from acquisition import DataError, Lights
+from acquisition import DataError, Lights, angle_deg
 from calibration import EstimateError
-from processing import angle_deg, angular_error, photometric_stereo
-from processing.stereo.method import METHODS
+from processing import angular_error, photometric_stereo
+from processing.stereo import METHODS
 
 every_method = pytest.mark.parametrize("method", METHODS)
 

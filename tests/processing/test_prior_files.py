@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from acquisition import DataError, MissingPathError, write_exr, write_png
-from processing import read_prior
+from processing.surface import read_prior
 
 SIZE = (8, 12)
 HEAD = "x_px,y_px,height_mm\n"

@@ -12,10 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 
-from acquisition import CameraModel, DataError
+from acquisition import CameraModel, DataError, angle_deg
 from calibration import EstimateError
-from processing import Geometry, angle_deg, project, read_geometry, view_rotation
+from processing import Geometry, project, read_geometry
 from processing.projection import rasterize_kernels as kernels
+from processing.projection import view_rotation
 from processing.projection.rasterize import crease_angle_deg
 from rig import in_threads
 from simulator.shapes.bvh import TriangleTree

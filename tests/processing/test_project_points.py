@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from acquisition import CameraModel
+from acquisition import CameraModel, angle_deg
 from calibration import EstimateError
-from processing import Geometry, angle_deg, project, read_geometry
+from processing import Geometry, project, read_geometry
 from processing.projection.point_cloud import draw_points, fit_surfels, orient
 from processing.projection.view import fit_raster
 from tests.quick_sample import quick

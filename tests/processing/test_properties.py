@@ -9,15 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from acquisition import DataError
-from processing.detail.properties import cross_exchange, idempotence, transfer_chain
-from processing.detail.separation import separate
-from processing.detail.shape_similarity import rotation_similarity
-from processing.maps.metrics import ssim
-from processing.maps.normal_map import NormalMap
-from processing.maps.normal_map_files import read_normals
-from processing.surface.height_map import HeightMap
-from processing.surface.integration import integrate
-from processing.surface.profile import height_profile
+from processing import HeightMap, NormalMap, height_profile, integrate, read_normals, separate, ssim
+from processing.detail import cross_exchange, idempotence, rotation_similarity, transfer_chain
 
 needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
 TARGETS = ("bear", "buddha", "cat", "cow", "goblet")

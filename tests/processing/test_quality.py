@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 
 from acquisition import CameraModel, DataError, Lights
-from processing import NormalMap, image_quality, integrability, integrate
+from processing import NormalMap, integrate
+from processing.checks import image_quality
+from processing.surface import integrability
 from simulator import SCENES, render, scene_named
 from tests.quick_sample import quick
 

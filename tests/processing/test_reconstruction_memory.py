@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from acquisition import read_source, write_png
-from processing import NormalsStage
+from processing.recording import NormalsStage
 
 
 @pytest.mark.parametrize(("channels", "beyond"), [((), 0), ((3,), 2 * 12 - 4)])

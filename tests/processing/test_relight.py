@@ -16,8 +16,8 @@ from acquisition import (
     write_png,
 )
 from calibration import EstimateError
-from processing import (
-    NormalMap,
+from processing import NormalMap
+from processing.relight import (
     RelightableImage,
     fit_normals,
     fit_recording,

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from acquisition import angle_deg
 from processing.detail.rotation import rotate_between, rotate_from_z, rotate_to_z
-from processing.maps.metrics import angle_deg
 from rig.arrays import Float32
 
 ROUND_TRIP_DEG = 5e-5

@@ -9,8 +9,8 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from acquisition import Lights
-from processing import image_quality
-from processing.checks.scheme_check import SchemeCheck, check_scheme, scheme_notices
+from processing.checks import SchemeCheck, image_quality
+from processing.checks.scheme_check import check_scheme, scheme_notices
 from processing.images.block_means import cells_of
 from tests.quick_sample import quick
 

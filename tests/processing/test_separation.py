@@ -11,13 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from acquisition import DataError
-from processing.detail.choices import FilterKind
-from processing.detail.separation import combine, separate
-from processing.detail.shape_filter import ShapeFilter
-from processing.maps.metrics import angle_deg, ssim
-from processing.maps.normal_map import NormalMap
-from processing.maps.normal_map_files import read_normals, write_normals
+from acquisition import DataError, angle_deg
+from processing import NormalMap, ShapeFilter, combine, read_normals, separate, ssim, write_normals
+from processing.detail import FilterKind
 from rig.arrays import Float64
 from tests.quick_sample import quick
 

@@ -3,13 +3,10 @@
 import numpy as np
 import pytest
 
-from acquisition import ComputedRows, DataError
-from processing import (
-    NormalMap,
-    ShapeFilter,
-    separate,
-    separate_rows,
-)
+from acquisition import DataError
+from acquisition.files import ComputedRows
+from processing import NormalMap, ShapeFilter, separate
+from processing.detail import separate_rows
 
 
 @pytest.fixture(scope="module")

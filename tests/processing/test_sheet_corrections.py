@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from processing import NormalMap, texture_figures
+from processing import NormalMap
+from processing.synthesis import texture_figures
 from processing.synthesis.seam_steps import cut_steps
 from processing.synthesis.sheet_synthesis import softened_bands, softening_share
 from processing.synthesis.spectrum_match import filtered_bands, matching_kernel

@@ -5,8 +5,9 @@ import pytest
 
 from acquisition import DataError, Lights
 from calibration import StackNoise
-from processing import photometric_stereo, specular_residual
-from simulator import Ggx
+from processing import photometric_stereo
+from processing.colour import specular_residual
+from simulator.scene import Ggx
 from simulator.scene.reflectance import reflectance
 
 SLOPE, FLOOR = 1e-4, 2.5e-7

@@ -9,18 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition import BandStore, DamagedMapsError, DataError
-from processing import (
-    NormalMap,
-    SeparationStage,
-    ShapeFilter,
-    Stage,
-    SuperResolutionStage,
-    SynthesisStage,
-    TransferStage,
-    computed,
-    run_steps,
-)
+from acquisition import DataError
+from acquisition.files import BandStore, DamagedMapsError
+from processing import NormalMap, ShapeFilter
+from processing.detail import SeparationStage, TransferStage
+from processing.stages import Stage, computed, run_steps
+from processing.superres import SuperResolutionStage
+from processing.synthesis import SynthesisStage
 from tests.quick_sample import quick
 
 

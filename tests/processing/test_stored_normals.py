@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition import BandStore, CameraModel, DataError, write_exr, write_mask, write_png
+from acquisition import CameraModel, DataError, write_exr, write_mask, write_png
+from acquisition.files import BandStore
 from processing import (
     NormalMap,
     height_mesh,
@@ -16,10 +17,10 @@ from processing import (
     normal_curl,
     normal_residual,
     read_normals,
-    store_normals,
     write_mesh,
     write_normals,
 )
+from processing.maps import store_normals
 from processing.meshes import mesh_rows
 
 SIZE = (61, 34)

@@ -15,16 +15,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 import processing
-from acquisition import DataError, MissingPathError
-from processing import (
-    NormalMap,
-    SuperResolutionStage,
-    angle_deg,
-    angular_error,
-    low_resolution,
-    read_superres_model,
-    super_resolve,
-)
+from acquisition import DataError, MissingPathError, angle_deg
+from processing import NormalMap, angular_error, super_resolve
+from processing.superres import SuperResolutionStage, low_resolution, read_superres_model
 from processing.superres import super_resolution_stage as memory_module
 from processing.superres.enlarge import (
     bicubic,

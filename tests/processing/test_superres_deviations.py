@@ -9,13 +9,9 @@ import shutil
 import numpy as np
 import pytest
 
-from processing import (
-    UNIFORM_DEG,
-    Deviations,
-    NormalMap,
-    read_superres_model,
-    super_resolve,
-)
+from processing import NormalMap, super_resolve
+from processing.noise import UNIFORM_DEG
+from processing.superres import Deviations, read_superres_model
 
 
 def test_deviations_between_the_measured_ones_and_beyond():

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from processing import NormalMap, angle_deg, angular_error, low_resolution, super_resolve
+from acquisition import angle_deg
+from processing import NormalMap, angular_error, super_resolve
+from processing.superres import low_resolution
 from processing.superres.enlarge import (
     averaged,
     means_of_points,

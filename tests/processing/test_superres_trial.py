@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from acquisition import DataError
-from processing import read_superres_model
 from processing.superres import network_trial as trial
+from processing.superres import read_superres_model
 from processing.superres.network import Network
 
 FOREIGN = replace(read_superres_model(None, 2), path=Path("given.onnx"), sha256="0" * 64)

@@ -6,16 +6,19 @@ import sys
 
 import pytest
 
-from processing import SurfaceStage
+from processing.surface import SurfaceStage
 
 SIZES = [(1000, 1000), (2236, 2236)]
 MEASURE = """
 import sys
 from pathlib import Path
 import numpy as np
-from acquisition import BandFile, CameraModel
-from acquisition import BandStore
-from processing import NormalMap, StoredNormals, SurfaceStage, integrate, integrate_in_blocks
+from acquisition import CameraModel
+from acquisition.files import BandFile
+from acquisition.files import BandStore
+from processing import NormalMap, integrate
+from processing.maps import StoredNormals
+from processing.surface import SurfaceStage, integrate_in_blocks
 
 def peak(size, name, rows):
     height, width = size

@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 from numpy.lib.stride_tricks import sliding_window_view
 
-from acquisition import DataError
-from processing import NormalMap, angle_deg, separate, synthesize, texture_figures
-from simulator import BandNoise, LizardScales
+from acquisition import DataError, angle_deg
+from processing import NormalMap, separate, synthesize
+from processing.synthesis import texture_figures
+from simulator.shapes import BandNoise, LizardScales
 
 PATCH = 24
 

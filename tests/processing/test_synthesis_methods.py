@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition import DataError
-from processing import SYNTHESIZERS, NormalMap, angle_deg, efros_leung
+from acquisition import DataError, angle_deg
+from processing import NormalMap
+from processing.synthesis import SYNTHESIZERS, efros_leung
 
 EXTENDING = Path(__file__).parents[2] / "docs" / "extending.md"
 

@@ -5,8 +5,8 @@ import numba
 import numpy as np
 import pytest
 
-from acquisition import DataError
-from processing import NormalMap, angle_deg, combine, synthesize_onto
+from acquisition import DataError, angle_deg
+from processing import NormalMap, combine, synthesize_onto
 
 PERIOD, PATCH, RADIUS = 12.0, 24, 300.0
 

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from acquisition import Lights
-from processing import photometric_stereo
+from processing import StereoMaps, photometric_stereo
+from processing.stereo import METHODS
 from processing.stereo.frames import TILE, Frames
 from processing.stereo.light_model import LightModel
-from processing.stereo.method import METHODS
 from processing.stereo.solve import solve_maps
-from processing.stereo.stereo_maps import StereoMaps
 from rig import no_progress
 
 

@@ -9,14 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from acquisition import DataError
-from processing.detail.choices import Tile
-from processing.detail.detail_transfer import TransferResult, scale_slopes, transfer
-from processing.detail.placement import Cover, Placement, largest_rectangle
-from processing.detail.separation import separate
-from processing.detail.shape_filter import ShapeFilter
-from processing.maps.metrics import angle_deg
-from processing.maps.normal_map import NormalMap
+from acquisition import DataError, angle_deg
+from processing import NormalMap, ShapeFilter, Tile, TransferResult, separate, transfer
+from processing.detail import Placement
+from processing.detail.detail_transfer import scale_slopes
+from processing.detail.placement import Cover, largest_rectangle
 from rig.arrays import Bool
 
 needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")

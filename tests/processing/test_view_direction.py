@@ -4,7 +4,7 @@ import numpy as np
 
 from acquisition import CameraModel, Lights, angle_deg
 from processing import photometric_stereo
-from simulator import Ggx
+from simulator.scene import Ggx
 from simulator.scene.reflectance import reflectance
 
 

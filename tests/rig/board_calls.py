@@ -1,6 +1,6 @@
 """Every command of a board, and the check that an error is one line."""
 
-from rig import Step
+from rig.board import Step
 
 VERBS = {
     "ON": lambda board: board.on(9, 5000),

@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 from acquisition import NoiseModel
-from rig import open_genicam
-from simulator.bench.state import BenchState, BenchWriter
-from simulator.camera.gentl_camera import GentlCamera
-from simulator.camera.sensor import ImageFormation
-from simulator.camera.virtual_camera import VirtualCamera
+from rig.genicam import open_genicam
+from simulator.bench import BenchState, BenchWriter
+from simulator.camera import GentlCamera, ImageFormation, VirtualCamera
 from simulator.gentl import CompilerError
 from tests.simulator.camera_options import grouped
 

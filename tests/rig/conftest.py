@@ -8,10 +8,9 @@ import pytest
 
 from acquisition import NoiseModel
 from rig import Board, CameraFrame, Rig, RigConfig
-from simulator.bench.state import BenchState
-from simulator.camera.sensor import ImageFormation
-from simulator.camera.virtual_camera import VirtualCamera
-from simulator.led_board.virtual_board import VirtualBoard
+from simulator.bench import BenchState
+from simulator.camera import ImageFormation, VirtualCamera
+from simulator.led_board import VirtualBoard
 
 SIZE = (4, 6)
 

@@ -8,7 +8,7 @@ import threading
 import tty
 from collections.abc import Callable, Iterator
 
-from rig import LineError, Reply, decode_command, encode_reply
+from rig.board import LineError, Reply, decode_command, encode_reply
 
 
 @contextlib.contextmanager

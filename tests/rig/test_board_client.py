@@ -7,8 +7,9 @@ from itertools import product
 
 import pytest
 
-from rig import Board, BoardError, Step
-from simulator.led_board.faults import BoardFault
+from rig import Board, BoardError
+from rig.board import Step
+from simulator.led_board import BoardFault
 from tests.quick_sample import quick
 from tests.rig.board_calls import VERBS, one_line
 from tests.rig.conftest import led_on

@@ -9,7 +9,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from rig import Board, BoardError, find_board, find_boards
+from rig import Board, BoardError
+from rig.board import find_board, find_boards
 from rig.board import ports as ports
 from tests.rig.fake_port import IDENTITY, device, saying
 

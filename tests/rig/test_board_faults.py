@@ -7,7 +7,7 @@ import pytest
 import serial
 
 from rig import Board, BoardError
-from simulator.led_board.faults import BoardFault
+from simulator.led_board import BoardFault
 from tests.rig.board_calls import VERBS, one_line
 from tests.rig.conftest import led_on
 

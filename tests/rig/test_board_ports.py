@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from rig import Board, BoardError, Step
+from rig import Board, BoardError
+from rig.board import Step
 from tests.rig.fake_port import IDENTITY, device, saying
 
 TIMEOUT_S = 0.25

@@ -3,7 +3,8 @@
 import pytest
 import serial
 
-from rig import BoardError, Command, Reply
+from rig import BoardError
+from rig.board import Command, Reply
 from rig.board.replies import Outcome, lost, overtaken, silent, spoken, where
 
 ON = Command(7, "ON", ("3", "2500"))

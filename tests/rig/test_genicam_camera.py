@@ -16,7 +16,8 @@ from genicam import gentl
 import rig.genicam.camera
 import rig.genicam.system
 from acquisition import NoiseModel
-from rig import CameraError, find_cameras, open_genicam
+from rig import CameraError
+from rig.genicam import find_cameras, open_genicam
 from rig.genicam.nodes import Nodes
 from tests.rig.camera_benches import (
     BLACK,
@@ -363,7 +364,7 @@ def test_opening_does_not_change_the_handler_of_ctrl_c(make):
 
 WAITING = """
 import sys, time
-from rig import open_genicam
+from rig.genicam import open_genicam
 camera = open_genicam(sys.argv[1])
 camera.configure(exposure_us=1000)
 camera.arm("line")

@@ -9,7 +9,8 @@ from pathlib import Path
 import genicam
 import pytest
 
-from rig import CameraError, find_cameras, open_genicam
+from rig import CameraError
+from rig.genicam import find_cameras, open_genicam
 
 VIKY = Path(genicam.__file__).parent / "viky.cti"
 

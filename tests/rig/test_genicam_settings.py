@@ -5,12 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from rig import CameraError, FoundCamera
+from rig import CameraError
+from rig.genicam import CameraOptions, FoundCamera
 from rig.genicam.automatics import camera_settings, turn_off_automatics
 from rig.genicam.nodes import Nodes
 from rig.genicam.processing import PROCESSING
 from rig.genicam.settings import EXPOSURE, Settings, TriggerControl
-from rig.genicam.setup import CameraOptions, set_up
+from rig.genicam.setup import set_up
 from tests.rig.genicam_memory import Memory, amount, choice, command, switch
 
 EXPOSURE_US = amount("ExposureTime", 1000, 10, 1e6, unit="us")

@@ -11,18 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig import (
-    MAX_PIXELS,
-    RigConfigError,
-    UnreadableError,
-    check_pixels,
-    check_text,
-    convert_parser_errors,
-    parse_json,
-    parse_toml,
-    read_bounded,
-    read_rig_config,
-)
+from rig import MAX_PIXELS, RigConfigError, UnreadableError, read_bounded, read_rig_config
+from rig.files import check_pixels, check_text, convert_parser_errors, parse_json, parse_toml
 
 needs_fifo = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no FIFO")
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from rig import Board
-from simulator.bench.state import BenchState
+from simulator.bench import BenchState
 from tests.quick_sample import quick
 
 pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
@@ -23,8 +23,9 @@ WATCHDOG_NS = 1 * S
 # Beginning of a host program: it starts a board and prints its bench state and process id.
 HOST = """
 import json, sys, time
-from rig import Board, Step
-from simulator.led_board.virtual_board import VirtualBoard
+from rig import Board
+from rig.board import Step
+from simulator.led_board import VirtualBoard
 
 virtual = VirtualBoard(36)
 board = Board(virtual.port)
@@ -43,9 +44,9 @@ RIG = (
 import numpy as np
 from acquisition import NoiseModel
 from rig import Rig, RigConfig
-from simulator.bench.state import BenchState
-from simulator.camera.sensor import ImageFormation
-from simulator.camera.virtual_camera import VirtualCamera
+from simulator.bench import BenchState
+from simulator.camera import ImageFormation
+from simulator.camera import VirtualCamera
 
 camera = VirtualCamera(
     lambda led: np.zeros((2, 2), np.float32),

@@ -10,10 +10,9 @@ from types import SimpleNamespace
 import numba
 import pytest
 
-from rig import kernel_folder, watch_kernels
+from rig.kernels import KernelWatch, kernel_folder, private_folder, watch_kernels
 from rig.kernels.cache import _adapt
 from rig.kernels.numba_cache import _KernelCache
-from rig.kernels.threads import KernelWatch, private_folder
 
 ROOT = Path(__file__).parents[2]
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from rig import memory_budget, memory_of_computer, memory_size
 from rig.processes import memory as _memory
+from rig.processes import memory_budget, memory_of_computer, memory_size
 
 
 def test_sizes_of_memory() -> None:

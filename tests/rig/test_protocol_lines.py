@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rig import (
+from rig.board import (
     Command,
     LineBuffer,
     LineError,

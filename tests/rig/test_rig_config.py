@@ -6,15 +6,8 @@ from pathlib import Path
 import pytest
 
 import rig.config.drivers
-from rig import (
-    Mounting,
-    RigConfig,
-    RigConfigError,
-    RigNotFoundError,
-    open_rig,
-    read_rig_config,
-    rig_names,
-)
+from rig import Mounting, RigConfig, RigConfigError, RigNotFoundError, open_rig, read_rig_config
+from rig.config import rig_names
 
 POSITIONS = [(10.0 * led, -5.0, 300.25) for led in range(24)]
 WHOLE = f"""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from rig._errors import CameraError, CameraGoneError, RigError, close_after
+from rig import CameraError, CameraGoneError, RigError
+from rig._errors import close_after
 
 
 @pytest.mark.parametrize(

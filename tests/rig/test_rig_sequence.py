@@ -10,12 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig import BoardError, CameraError, CameraInfo, RigConfig, RigError
-from rig.camera.interface import CameraFrame
+from rig import BoardError, CameraError, CameraFrame, CameraInfo, RigConfig, RigError
+from rig.shooting import ShotTimes
 from rig.shooting.frame_proof import Spacing
 from rig.shooting.sequence import runs
-from rig.shooting.shot_times import ShotTimes
-from simulator.led_board.faults import BoardFault
+from simulator.led_board import BoardFault
 from tests.rig.conftest import led_on, led_seen
 
 EXPOSURE_US = 1000.0

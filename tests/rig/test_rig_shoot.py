@@ -10,10 +10,10 @@ import pytest
 
 import rig.shooting.shooting
 from rig import Board, BoardError, CameraError, CameraFrame, FrameLostError, RigError
+from rig.shooting import ShotTimes
 from rig.shooting.frame_proof import FlashChain
-from rig.shooting.shot_times import ShotTimes
-from simulator.camera.virtual_camera import VirtualCamera
-from simulator.led_board.faults import BoardFault
+from simulator.camera import VirtualCamera
+from simulator.led_board import BoardFault
 from tests.rig.conftest import led_on, led_seen
 
 EXPOSURE_US = 1000.0

@@ -9,17 +9,23 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rig import BoardError, CameraError, CameraFrame, CameraInfo, RigConfig, RigError
-from rig._errors import FrameTimeoutError
-from rig.board.values import BoardIdentity, FlashReport
-from rig.shooting import frame_proof, shooting
+from rig import (
+    BoardError,
+    CameraError,
+    CameraFrame,
+    CameraInfo,
+    FrameTimeoutError,
+    RigConfig,
+    RigError,
+)
+from rig.board import BoardIdentity, FlashReport
+from rig.shooting import ShotTimes, Wires, frame_proof, shooting
 from rig.shooting import keep_alive as alive
 from rig.shooting.frame_proof import FlashChain, Spacing
 from rig.shooting.keep_alive import SignOfLife
 from rig.shooting.sequence import runs
-from rig.shooting.shooting import Bench, Wires, check_light, hold_ms, try_wires
+from rig.shooting.shooting import Bench, check_light, hold_ms, try_wires
 from rig.shooting.shot import led_name
-from rig.shooting.shot_times import ShotTimes
 
 IDENTITY = BoardIdentity("fake", 2, "1", 6, 10_000, 1000, 48)
 INFO = CameraInfo("m", "e", "cam", 1, 1, "Mono8", 8, None, 1.0, 1e7)

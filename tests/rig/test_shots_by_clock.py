@@ -10,15 +10,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rig import BoardEcho, BoardError, CameraError, CameraFrame, FrameLostError, RigConfig, RigError
-from rig._errors import FrameTimeoutError
-from rig.board.values import FlashReport, Step, StepReport
-from rig.shooting import frame_proof, sequence, shooting
+from rig import (
+    BoardError,
+    CameraError,
+    CameraFrame,
+    FrameLostError,
+    FrameTimeoutError,
+    RigConfig,
+    RigError,
+)
+from rig.board import BoardEcho, FlashReport, Step, StepReport
+from rig.shooting import ShotTimes, frame_proof, sequence, shooting
 from rig.shooting import keep_alive as alive
 from rig.shooting.frame_proof import time_ns
 from rig.shooting.sequence import run
 from rig.shooting.shooting import Bench, by_board, by_software, hold_ms
-from rig.shooting.shot_times import ShotTimes
 from tests.rig.test_shooting_values import IDENTITY, INFO, Clock, frame
 
 # The LED is on for 2000 us before the trigger of a flash and 6450 us after it.

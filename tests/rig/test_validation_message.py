@@ -5,7 +5,7 @@ from typing import Annotated
 import pytest
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from rig import validation_message
+from rig.messages import validation_message
 
 
 class Lamp(BaseModel):

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from acquisition import BandStore
+from acquisition.files import BandStore
 from tests.sgp.test_cli_memory import check_equal, stop
 
 

@@ -14,7 +14,8 @@ import pytest
 
 import acquisition
 import rig
-from acquisition import DataError, StorageError, compact_session, import_frames, read_source
+from acquisition import DataError, StorageError, import_frames, read_source
+from acquisition.session import compact_session
 from sgp.batch.files import Stamp, difference, stamps
 from sgp.batch.progress import BatchProgress
 from sgp.batch.recipe import Recipe, option_words, read_recipe
@@ -27,7 +28,7 @@ from sgp.commands.batch import _task
 from sgp.results.hashes import sha256
 from sgp.results.result import Result
 
-SOFTWARE = acquisition.software_version()
+SOFTWARE = acquisition.files.software_version()
 
 
 def copy(source: Path, *, out: Path, force: bool = False, text: str = "", fail: str = "") -> Result:
@@ -133,7 +134,7 @@ def test_a_result_is_computed_again_only_if_it_has_to_be(task, monkeypatch) -> N
     assert reason_to_run(task, states.read_all()) == "failed before"
     states.write(task, perform(task))
     assert reason_to_run(task, states.read_all()) is None
-    monkeypatch.setattr(acquisition, "software_version", lambda: "99")
+    monkeypatch.setattr(acquisition.files, "software_version", lambda: "99")
     assert reason_to_run(task, states.read_all()) == f"computed by version {SOFTWARE}"
 
 

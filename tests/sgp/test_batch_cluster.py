@@ -26,7 +26,7 @@ from tests.sgp.test_cli_batch import table, wait_for
 from tests.sgp.test_cli_batch import two as two
 
 ADDRESS = "tcp://127.0.0.1:8786"
-HERE = acquisition.software_version()
+HERE = acquisition.files.software_version()
 
 
 class Cluster:

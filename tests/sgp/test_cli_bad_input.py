@@ -5,7 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from acquisition import write_exr, write_png, write_tiff
+from acquisition import write_exr, write_png
+from acquisition.pixels import write_tiff
 
 FULL = 65535
 

@@ -6,8 +6,7 @@ import shutil
 import numpy as np
 import pytest
 
-from acquisition import Lights, read_lights, write_lights, write_png
-from processing import angle_deg
+from acquisition import Lights, angle_deg, read_lights, write_lights, write_png
 from sgp.app import build, run
 from tests.quick_sample import quick
 

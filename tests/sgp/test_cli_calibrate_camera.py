@@ -15,7 +15,8 @@ import pytest
 from acquisition import read_camera, read_image, write_camera, write_png
 from calibration import CharucoBoard, find_board, read_board
 from sgp.results.record import read_record
-from simulator import ChArUco, Lens
+from simulator import Lens
+from simulator.shapes import ChArUco
 from tests.calibration.board_series import BOARD, CAMERA, FLAT, poses, shot
 
 SIZE = ("--squares", "11x8", "--square-mm", "20")

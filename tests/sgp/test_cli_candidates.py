@@ -36,9 +36,9 @@ def test_a_circle_is_proposed_unless_one_was_given(sgp, tmp_path, monkeypatch, m
     def refuse(*args, **kwargs):
         raise calibration.EstimateError("refused")
 
-    found = [calibration.SphereCandidate((70.0, 60.0, 45.0), 3, 0.1)]
+    found = [calibration.spheres.SphereCandidate((70.0, 60.0, 45.0), 3, 0.1)]
     monkeypatch.setattr(calibration, "calibrate_spheres", refuse)
-    monkeypatch.setattr(calibration, "sphere_candidates", lambda *args, **kwargs: found)
+    monkeypatch.setattr(calibration.spheres, "sphere_candidates", lambda *args, **kwargs: found)
     images = tmp_path / "images"
     images.mkdir()
     for k in range(3):

@@ -71,7 +71,7 @@ def test_exposures_are_metered_and_the_metering_is_recorded(sgp, rig, plan, tmp_
 def test_the_wiring_is_checked_before_metering(sgp, tmp_path, plan, monkeypatch):
     rig = tmp_path / "rig.toml"
     rig.write_text(RIG + "[options.wiring]\nalways = [3]\n", encoding="utf-8")
-    monkeypatch.setattr(acquisition, "meter", lambda *_, **__: pytest.fail("metered"))
+    monkeypatch.setattr(acquisition.metering, "meter", lambda *_, **__: pytest.fail("metered"))
     words = ("--rig", rig, "--plan", plan(5000.0), "--meter", "each")
     answer = capture(sgp, tmp_path / "s", *words, check=True)
     assert answer.code == 3, answer.err

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from acquisition import read_image, write_png
-from processing import NormalMap, angle_deg, read_normals, write_normals
+from acquisition import angle_deg, read_image, write_png
+from processing import NormalMap, read_normals, write_normals
 
 SIZE = (60, 70)
 

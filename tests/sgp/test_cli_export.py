@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from acquisition import read_image, write_png
-from processing import read_ptm
+from processing.relight import read_ptm
 from sgp import read_record
 
 

@@ -6,7 +6,8 @@ import re
 import pytest
 
 import rig.board.ports
-from rig import Board, Command, LineError, Reply, decode_command, encode_reply
+from rig import Board
+from rig.board import Command, LineError, Reply, decode_command, encode_reply
 from tests.quick_sample import quick
 from tests.sgp.virtual_bench import Bench, device
 

@@ -6,7 +6,8 @@ import shutil
 import numpy as np
 import pytest
 
-from acquisition import read_flat, read_image
+from acquisition import read_image
+from acquisition.value_files import read_flat
 
 SCENE = """
 [board]

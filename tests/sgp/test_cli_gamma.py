@@ -10,9 +10,18 @@ import cv2
 import numpy as np
 import pytest
 
-from acquisition import LINEAR, SRGB, Session, read_image, read_lights, read_source, write_lights
+from acquisition import (
+    LINEAR,
+    SRGB,
+    Session,
+    angle_deg,
+    read_image,
+    read_lights,
+    read_source,
+    write_lights,
+)
 from acquisition import write_png as save
-from processing import angle_deg, read_normals
+from processing import read_normals
 from tests.quick_sample import quick
 from tests.sgp.conftest import ball, ring_lights
 

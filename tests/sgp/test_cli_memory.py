@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from acquisition import BandStore, software_version
+from acquisition.files import BandStore, software_version
 from processing.recording import pipeline as memory
 from sgp.stages import stored_normals as _stored_normals
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from acquisition import write_png
-from processing import write_normal_rows
 from processing.detail import separation as rows
+from processing.maps import write_normal_rows
 from tests.sgp.in_bands import check_continued
 
 SIZE = (330, 60)

@@ -8,14 +8,10 @@ import numpy as np
 import pytest
 
 from acquisition import Lights, write_lights, write_mask, write_png
-from processing import (
-    NormalMap,
-    SeparationStage,
-    SuperResolutionStage,
-    SynthesisStage,
-    TransferStage,
-    write_normals,
-)
+from processing import NormalMap, write_normals
+from processing.detail import SeparationStage, TransferStage
+from processing.superres import SuperResolutionStage
+from processing.synthesis import SynthesisStage
 from tests.sgp.killed import Server, Unfinished, check_killed, server
 
 __all__ = ["server"]
@@ -27,7 +23,7 @@ MEMORY = "8M"
 NO_PROGRAM = """
 from processing.surface.blocks import surface_stage
 from processing.detail import separation as rows
-from processing.recording import reconstruct as memory
+from processing import reconstruct as memory
 
 memory._FIXED = rows._FIXED = surface_stage._FIXED = surface_stage._PROGRAM = 0
 """
@@ -113,7 +109,7 @@ def test_transfer(server: Server, tmp_path: Path) -> None:
 
 # Sheets count as large: their least memory is more than such a small one needs in memory.
 LARGE_SHEETS = """
-from processing.synthesis import synthesize as synthesis_memory
+from processing import synthesize as synthesis_memory
 
 synthesis_memory._SHEET = 10_000
 """

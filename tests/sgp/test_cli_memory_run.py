@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition import BandStore, read_image
-from processing import Need, SurfaceStage
+from acquisition import read_image
+from acquisition.files import BandStore
 from processing.detail import separation as rows
 from processing.recording import pipeline as memory
+from processing.stages import Need
+from processing.surface import SurfaceStage
 from processing.surface.blocks import surface_stage
 from sgp.stages import memory_limit as _memory_limit
 from sgp.stages import stored_run as _stored_run

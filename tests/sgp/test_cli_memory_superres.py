@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition import BandStore
-from processing import NormalMap, SuperResolutionStage, write_normals
+from acquisition.files import BandStore
+from processing import NormalMap, write_normals
+from processing.superres import SuperResolutionStage
 from processing.superres import super_resolution_stage as memory
 from tests.sgp.test_cli_memory import check_equal, stop
 

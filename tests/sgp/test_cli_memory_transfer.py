@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition import BandStore
+from acquisition.files import BandStore
 from processing import NormalMap, ShapeFilter, write_normals
 from processing.detail import separation as rows
 from processing.detail.transfer_stage import TransferSizes

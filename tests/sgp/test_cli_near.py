@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from acquisition import Lights, read_image, read_lights, write_lights, write_png
-from processing import angle_deg, read_normals
+from acquisition import Lights, angle_deg, read_image, read_lights, write_lights, write_png
+from processing import read_normals
 from processing.images.viewing_rays import Parallel
 
 SIZE = (44, 48)

@@ -74,7 +74,7 @@ def test_notes_of_an_error_are_printed(monkeypatch, capsys):
         error.add_note("LEDs not confirmed off: no reply")
         raise error
 
-    monkeypatch.setattr("rig.open_board", broken)
+    monkeypatch.setattr("rig.rigs.open_board", broken)
     assert run(build(), ["rig", "off", "--rig", "bench"]) == 3
     message = capsys.readouterr().err
     assert message == "error: the line is lost; LEDs not confirmed off: no reply\n"

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition import read_image, read_mask
-from processing import angle_deg, read_normals
+from acquisition import angle_deg, read_image, read_mask
+from processing import read_normals
 from tests.sgp.conftest import ball
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from acquisition import CameraModel, read_image, write_camera
-from processing import angle_deg, read_normals
+from acquisition import CameraModel, angle_deg, read_image, write_camera
+from processing import read_normals
 
 BALL = trimesh.creation.icosphere(subdivisions=4, radius=10.0)
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition import read_image, read_lights, read_mask
-from processing import angle_deg, read_normals
+from acquisition import angle_deg, read_image, read_lights, read_mask
+from processing import read_normals
 
 DATA = os.environ.get("SGP_DATA")
 pytestmark = pytest.mark.skipif(not DATA, reason="SGP_DATA is not set: no real captures")

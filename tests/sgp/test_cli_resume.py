@@ -11,7 +11,7 @@ from contextlib import closing
 import pytest
 
 from acquisition import Session
-from acquisition.session.writer import SessionWriter
+from acquisition.session import SessionWriter
 from tests.sgp.small_rig import CAPTURE, RIG, capture, events
 
 

@@ -12,7 +12,7 @@ import pytest
 import rig.board.ports
 from acquisition import read_image
 from rig import Board
-from simulator.led_board.faults import BoardFault
+from simulator.led_board import BoardFault
 from tests.sgp.virtual_bench import Bench, device
 
 

@@ -6,15 +6,8 @@ import shutil
 import numpy as np
 import pytest
 
-from acquisition import (
-    Lights,
-    Session,
-    read_image,
-    read_sensor,
-    read_source,
-    verify_session,
-    write_lights,
-)  # fmt: skip
+from acquisition import Lights, Session, read_image, read_source, verify_session, write_lights
+from acquisition.value_files import read_sensor  # fmt: skip
 from calibration import linear_stack
 
 SENSOR = "{ prnu = 0.01, dsnu_e = 2.0, dark_current_e_per_s = 100.0, full_well_e = 9000.0 }"
@@ -211,7 +204,7 @@ def test_files_that_are_no_sensor_are_named(sgp, here, change, text):
 
 
 def test_a_sensor_file_survives_a_round_trip(here):
-    from acquisition import write_sensor
+    from acquisition.value_files import write_sensor
 
     first = read_sensor("sensor/sensor.json")
     write_sensor("copy.json", first)

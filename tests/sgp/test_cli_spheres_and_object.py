@@ -6,7 +6,8 @@ import shutil
 import numpy as np
 import pytest
 
-from acquisition import led_id, read_image, read_lights, write_png
+from acquisition import read_image, read_lights, write_png
+from acquisition.values import led_id
 from calibration import EstimateError
 from processing import read_normals
 from sgp import read_record

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from acquisition import CameraModel, read_image, write_camera
-from processing import angle_deg, read_normals
+from acquisition import CameraModel, angle_deg, read_image, write_camera
+from processing import read_normals
 from tests.quick_sample import quick
 from tests.sgp.conftest import SIZE
 

@@ -49,7 +49,7 @@ def test_a_larger_map_with_its_record(sgp, low: Path, tmp_path: Path) -> None:
     np.testing.assert_array_equal(invented, np.rint(made.invented * 255))
     record = json.loads((out / "superres.json").read_text(encoding="utf-8"))
     assert record["parameters"] | {"scale": 4, "self_ensemble": True} == record["parameters"]
-    model = processing.read_superres_model(None, 4)
+    model = processing.superres.read_superres_model(None, 4)
     assert record["parameters"]["model"] == model.name
     assert record["inputs"][str(model.path)] == model.sha256
     metrics = record["metrics"]

@@ -5,8 +5,16 @@ import json
 import numpy as np
 import pytest
 
-from acquisition import Lights, read_image, read_lights, write_exr, write_lights, write_png
-from processing import angle_deg, read_normals
+from acquisition import (
+    Lights,
+    angle_deg,
+    read_image,
+    read_lights,
+    write_exr,
+    write_lights,
+    write_png,
+)
+from processing import read_normals
 
 
 @pytest.fixture

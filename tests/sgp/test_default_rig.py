@@ -11,7 +11,7 @@ import pytest
 
 import rig.board.ports
 from acquisition import Session
-from rig import rig_names
+from rig.config import rig_names
 from sgp.app import build
 from sgp.rigs.user_config import config_path
 

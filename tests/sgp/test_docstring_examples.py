@@ -17,11 +17,11 @@ ROOMS = ("rig", "acquisition", "calibration", "processing", "simulator")
 WITHOUT = {
     "rig.end_program": "ends the program",
     "rig.open_bench": "needs a camera and a board",
-    "rig.open_genicam": "needs a camera",
+    "rig.genicam.open_genicam": "needs a camera",
     "rig.resend_signal": "interrupts the main thread",
 }
 # What these need is not there: their examples are shown, but not run.
-NOT_RUN = {"acquisition.read_raw": "needs a camera RAW file"}
+NOT_RUN = {"acquisition.pixels.read_raw": "needs a camera RAW file"}
 # Examples with one of these start the process of a virtual board.
 _STARTS_BOARD = ("open_rig", "open_board", "simulated_rig", "VirtualBoard")
 # In these rooms most examples compile kernels first.
@@ -30,7 +30,7 @@ _COMPILED = ("processing", "simulator")
 _LONG = {
     "calibration.apply_spheres",
     "calibration.calibrate_moved_spheres",
-    "calibration.find_working_plane",
+    "calibration.camera.find_working_plane",
 }
 _FLAGS = doctest.ELLIPSIS | doctest.IGNORE_EXCEPTION_DETAIL
 _FINDER = doctest.DocTestFinder(recurse=False)

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import sgp
-from rig import module_command
+from rig.processes import module_command
 from sgp.cli.entry import PACKAGES
 
 pytest_plugins = ["pytester"]
@@ -124,7 +124,7 @@ def test_a_checkout_that_is_not_installed_starts_its_own_processes(tmp_path):
     """The child imports the packages of its parent, with and without the working directory."""
     checkout = copied(tmp_path / "checkout")
     (checkout / "simulator" / "board.py").write_text("raise SystemExit('the copy of the board')")
-    program = "import simulator; simulator.VirtualBoard()"
+    program = "import simulator; simulator.led_board.VirtualBoard()"
     for folder, path in ((checkout, ""), (tmp_path, str(checkout))):
         done = run(folder, sys.executable, "-c", program, PYTHONPATH=path)
         assert "the virtual board did not start: the copy of the board" in done.stderr

@@ -11,7 +11,8 @@ import pytest
 
 import rig
 from acquisition import DataError
-from rig import files_read, read_bounded, status_when_read
+from rig import read_bounded
+from rig.files import files_read, status_when_read
 from sgp.results.hashes import input_hashes, output_files
 
 
@@ -144,7 +145,7 @@ def test_the_readers_of_a_command_note_all_its_inputs(
 
     def checked(files):
         files = list(files)
-        unnoted.extend(file for file in files if rig.status_when_read(file) is None)
+        unnoted.extend(file for file in files if rig.files.status_when_read(file) is None)
         return input_hashes(files)
 
     monkeypatch.setattr("sgp.results.output.input_hashes", checked)

@@ -31,7 +31,7 @@ def test_lights_of_a_rig(tmp_path: Path) -> None:
         tmp_path / "r.toml", "desk", f"led_positions_mm = {PLACES}", "led_positions_sigma_mm = 2.5"
     )
     config = read_rig_config(file)
-    lights = acquisition.lights_of_rig(config)
+    lights = acquisition.value_files.lights_of_rig(config)
     assert lights.ids == ("L00", "L01", "L02", "L03")
     assert lights.positions_mm is not None
     assert lights.errors is not None
@@ -41,7 +41,7 @@ def test_lights_of_a_rig(tmp_path: Path) -> None:
     assert lights.calibrated is not None
     assert lights.calibrated.setup.rig == "desk"
     with pytest.raises(acquisition.DataError, match="desk has no led_positions_mm"):
-        acquisition.lights_of_rig(RigConfig(name="desk", driver="bench"))
+        acquisition.value_files.lights_of_rig(RigConfig(name="desk", driver="bench"))
     given = given_lights(RIG_LIGHTS, [], file)
     assert (given.file, [one.code for one in given.lights.warnings]) == (file, ["lights-of-rig"])
     assert "2.5 mm" in given.lights.warnings[0].text

@@ -13,7 +13,8 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from acquisition import BandStore, read_image
+from acquisition import read_image
+from acquisition.files import BandStore
 from processing.superres import super_resolution_stage
 
 ROOT = Path(__file__).parents[2]

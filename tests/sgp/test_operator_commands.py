@@ -12,8 +12,7 @@ from pathlib import Path
 import pytest
 
 from acquisition import Session
-from acquisition.preflights.capture_checks import Preflight
-from acquisition.preflights.check import Check
+from acquisition.preflights import Check, Preflight
 from rig import RigError
 from sgp.sessions.resume_command import ResumeCommand
 from sgp.sessions.steps import Preparation, accept

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from processing import angle_deg
+from acquisition import angle_deg
 from sgp.report.html import Html, joined, script_json, tag, text
 from sgp.report.lights import bar_chart
 from sgp.report.page import colour_maps

@@ -42,14 +42,14 @@ SOURCE = acquisition.Source(
     Path("/in"), "images", (acquisition.Frame(Path("/in/a.png"), "a", (4, 5)),), LIGHTS, MASK
 )
 STEREO = processing.PhotometricStereoResult(NORMALS, ONES, ONES, MASK.astype(np.uint16), (NOTICE,))
-BARS = processing.NormalUncertainty(
+BARS = processing.noise.NormalUncertainty(
     ONES, ONES, np.ones((6, 4, 5), np.uint8), MASK.astype(np.uint8), "sensor", -0.1
 )
 SEPARATION = processing.Separation(NORMALS, NORMALS, processing.ShapeFilter(order=2))
 HEIGHT = processing.HeightMap(
     {"height": ONES, "parts": MASK.astype(np.int32)}, MASK, "mm", 0.5, None, 9, 1e-6, ()
 )
-QUALITY = processing.ImageQuality(
+QUALITY = processing.checks.ImageQuality(
     0.02,
     0.01,
     0.9,
@@ -57,7 +57,7 @@ QUALITY = processing.ImageQuality(
     ONES[0, :3],
     ONES[0, :3],
     0.1,
-    processing.SchemeCheck((), False, True),
+    processing.checks.SchemeCheck((), False, True),
     LIGHTS.ids,
     (),
 )
@@ -80,15 +80,16 @@ EXAMPLES: list[tuple[object, str]] = [
      "Frame(path=/in/a.png, light_id='a', shape=(4, 5), role='light', bracket=0)"),
     (acquisition.Labels("Ada", "coin"),
      "Labels(operator='Ada', object_name='coin', place='', notes='', rights='')"),
-    (acquisition.MeshFile(np.eye(3), np.array([[0, 1, 2]]), warnings=(NOTICE,)),
+    (acquisition.mesh_files.MeshFile(np.eye(3), np.array([[0, 1, 2]]), warnings=(NOTICE,)),
      "MeshFile(vertices=float64[3, 3], faces=int64[1, 3], warnings=1 item)"),
-    (acquisition.RawFrame(np.zeros((4, 5), np.uint16), "RGGB", 1.0, 255.0, (1.0,) * 4,
+    (acquisition.pixels.RawFrame(np.zeros((4, 5), np.uint16), "RGGB", 1.0, 255.0, (1.0,) * 4,
                           taken=datetime(2026, 1, 2, tzinfo=UTC)),
      "RawFrame(pixels=uint16[4, 5], cfa='RGGB', black_level_dn=1, white_level_dn=255, "
      "black_levels_dn=(1, 1, 1, 1), taken=2026-01-02 00:00:00+00:00)"),
     (calibration.Stack(np.zeros((3, 4, 5), np.float32), ("a", "b", "c"), LIGHTS),
      "Stack(float32[3, 4, 5], lights)"),
-    (calibration.IntensityCalibration(LIGHTS, 1.5, MASK[0], MASK[1], 0.1, 2.0, 0.01, 900, None, ()),
+    (calibration.intensities.IntensityCalibration(LIGHTS, 1.5, MASK[0], MASK[1], 0.1, 2.0, 0.01,
+                                                  900, None, ()),
      "IntensityCalibration(Lights(3 directions, L00 to L02), mu 1.50, residual 1.00%, "
      "900 pixels)"),
     (NORMALS, "NormalMap(float32[4, 5, 3], 20 normals)"),
@@ -97,14 +98,15 @@ EXAMPLES: list[tuple[object, str]] = [
     (STEREO, f"PhotometricStereoResult(normal_map={NORMALS!r}, albedo=float32[4, 5], "
              "residual=float32[4, 5], used=uint16[4, 5], warnings=1 item)"),
     (SEPARATION, f"Separation({NORMALS!r}, {SEPARATION.shape_filter!r})"),
-    (processing.TransferFidelity(NORMALS, NORMALS, SEPARATION),
+    (processing.detail.TransferFidelity(NORMALS, NORMALS, SEPARATION),
      f"TransferFidelity({SEPARATION!r})"),
     (QUALITY, "ImageQuality(residual=0.02, consistency=0.01, used=0.9, image_residual=float32[3], "
               "light_error_deg=float32[3], light_gain=float32[3], curl=0.1, ids=3 items)"),
     (ERROR, "AngularError(mae_deg=8.394, median_deg=6, coverage=1, map_deg=float32[4, 5])"),
-    (processing.curvature(NORMALS, pixel_mm=0.1), "Curvature(float32[4, 5] in 1/mm, scale 2 px)"),
+    (processing.curvatures.curvature(NORMALS, pixel_mm=0.1),
+     "Curvature(float32[4, 5] in 1/mm, scale 2 px)"),
     (HEIGHT, "HeightMap(float32[4, 5] in mm, pixel size 0.5 mm)"),
-    (processing.Mesh(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]], np.int32)),
+    (processing.meshes.Mesh(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]], np.int32)),
      "Mesh(vertices=float32[3, 3], faces=int32[1, 3], unit='px')"),
     (processing.Reconstruction(SOURCE, LIGHTS, MASK, MASK, {}, "sensor", 0.0, QUALITY, (), None,
                                ERROR, (), None, (), None, HEIGHT),
@@ -115,7 +117,7 @@ EXAMPLES: list[tuple[object, str]] = [
     (simulator.Truth(NORMALS.normals, ONES, ONES, MASK, MASK[None], np.eye(1, 3), np.ones(1),
                      np.zeros((3, 1, 2)), LIGHTS, simulator.Lens(camera=CAMERA), NOISE, 1.0),
      "Truth(float32[4, 5, 3], 3 lights, 1 sphere)"),
-    (simulator.ImageFormation(NOISE),
+    (simulator.camera.ImageFormation(NOISE),
      f"ImageFormation(noise={NOISE!r}, seed=0, noisy=True, lamps=Lamps(...), shake_px=0, "
      "sensor_seed=0)"),
 ]  # fmt: skip
@@ -168,6 +170,6 @@ def test_no_public_class_shows_the_numbers_of_an_array() -> None:
 
 
 def test_long_texts_are_cut() -> None:
-    check = acquisition.Check("disk", "ok", "x" * 100, {"bytes": 1, "speed": 2.0})
+    check = acquisition.preflights.Check("disk", "ok", "x" * 100, {"bytes": 1, "speed": 2.0})
     assert repr(check) == f"Check(name='disk', state='ok', text='{'x' * 60}...', values=2 items)"
-    assert acquisition.Check.__repr__ is short_repr
+    assert acquisition.preflights.Check.__repr__ is short_repr

@@ -45,7 +45,7 @@ def test_predictions_that_are_all_the_same_are_not_corrected():
 @pytest.mark.parametrize("scale", [2, 4])
 def test_the_networks_of_the_program_are_described_as_they_are(scale):
     """Some of the surfaces that were held out give what the description says about all of them."""
-    model = processing.read_superres_model(None, scale)
+    model = processing.superres.read_superres_model(None, scale)
     about = model.training["held_out"]
     assert about["seeds"] == f"0 to {HELD_OUT[-1]}"
     assert model.deviations is not None

@@ -19,7 +19,8 @@ from sgp.training.judgement import surface
 from sgp.training.pairs import SYMMETRIES, averaged, batch, make_pairs, pair, turned
 from sgp.training.presets import CORRECTED, HELD_OUT, PRESETS, REPORTED, Task
 from sgp.training.rdn import OUTPUTS, RdnSize, weight_shapes
-from simulator import random_normals, rugged_normals
+from simulator import random_normals
+from simulator.reliefs import rugged_normals
 
 MODELS = Path(processing.__file__).parent / "superres" / "models"
 

@@ -22,7 +22,8 @@ from rig import no_progress
 from sgp.training.pairs import make_pairs
 from sgp.training.presets import PRESETS, Task
 from sgp.training.rdn import RdnSize, weight_shapes
-from simulator import random_normals, rugged_normals
+from simulator import random_normals
+from simulator.reliefs import rugged_normals
 
 pytestmark = [
     pytest.mark.slow,

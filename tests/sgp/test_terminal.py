@@ -7,7 +7,8 @@ import re
 
 import pytest
 
-from acquisition import CapturePlan, Labels, Manifest, SessionWriter
+from acquisition import CapturePlan, Labels
+from acquisition.session import Manifest, SessionWriter
 from sgp.cli.terminal import printable, printable_json, printable_lines
 
 STEERING = re.compile(

@@ -40,14 +40,14 @@ CASES = {
         lambda: processing.photometric_stereo(BYTES.astype(float), np.eye(3), MASK),
         r"lights must be a Lights, not a ndarray: Lights\(directions\)",
     ),
-    "mask of raw values": (lambda: processing.object_mask(BYTES), f"values {RAW}"),
+    "mask of raw values": (lambda: processing.maps.object_mask(BYTES), f"values {RAW}"),
     "spheres in raw values": (lambda: calibration.calibrate_spheres(BYTES), f"stack {RAW}"),
     "raw card": (lambda: calibration.MatteSurface(BYTES, FACING, MASK), RAW),
     "write directions": (lambda: acquisition.write_lights("x.json", np.eye(3)), "lights must be a"),
     "write a matrix": (lambda: acquisition.write_camera("x.json", np.eye(3)), "camera must be a"),
-    "LED True": (lambda: rig.check_led(True), "an LED number must be an int, not True"),
-    "LED 3.0": (lambda: rig.check_led(3.0), "an LED number must be an int, not 3.0"),
-    "LED as text": (lambda: rig.check_led("3"), "an LED number must be an int, not '3'"),
+    "LED True": (lambda: rig.messages.check_led(True), "an LED number must be an int, not True"),
+    "LED 3.0": (lambda: rig.messages.check_led(3.0), "an LED number must be an int, not 3.0"),
+    "LED as text": (lambda: rig.messages.check_led("3"), "an LED number must be an int, not '3'"),
 }
 
 
@@ -62,7 +62,7 @@ def test_a_wrong_type_is_named(case, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("led", [None, 0, np.int64(3), np.uint8(7)])
 def test_integers_of_any_kind_are_led_numbers(led):
-    rig.check_led(led)
+    rig.messages.check_led(led)
 
 
 @pytest.mark.parametrize("led", [True, 1.0, "1"])

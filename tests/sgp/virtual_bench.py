@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from acquisition import NoiseModel
-from simulator import VirtualBoard
-from simulator.bench.state import BenchState
-from simulator.camera.gentl_camera import GentlCamera
+from simulator.bench import BenchState
+from simulator.camera import GentlCamera
+from simulator.led_board import VirtualBoard
 from tests.simulator.camera_options import grouped
 
 SIZE = (24, 32)

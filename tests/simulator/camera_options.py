@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Any
 
-from simulator import ImageFormation
-from simulator.camera.gentl_camera import GentlDevice
+from simulator.camera import GentlDevice, ImageFormation
 
 _GROUPS = {"formation": ImageFormation, "device": GentlDevice}
 

@@ -1,10 +1,8 @@
 """A virtual board without a process, whose time is set by the tests."""
 
-from rig import Command, decode_reply, encode_command
-from simulator.bench.state import BenchState, BenchWriter
-from simulator.led_board.faults import FaultyBoard
-from simulator.led_board.firmware import BoardFirmware
-from simulator.led_board.outputs import ActiveInput, BoardOutputs
+from rig.board import Command, decode_reply, encode_command
+from simulator.bench import BenchState, BenchWriter
+from simulator.led_board import ActiveInput, BoardFirmware, BoardOutputs, FaultyBoard
 
 MS = 1_000_000
 

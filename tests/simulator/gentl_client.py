@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simulator.bench.state import BenchWriter
-from simulator.camera.gentl_camera import GentlCamera
+from simulator.bench import BenchWriter
+from simulator.camera import GentlCamera
 from tests.simulator.camera_options import grouped
 
 NOT_IMPLEMENTED = -1003

@@ -10,19 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from acquisition import CameraModel, Lights
-from simulator import (
-    ChromeSphere,
-    Even,
-    SphericalCap,
-    bench_camera,
-    dome_lights,
-    find_mirrored_lights,
-    render,
-    scene_named,
-)
+from simulator import ChromeSphere, Lens, bench_camera, dome_lights, render, scene_named
+from simulator.rendering import find_mirrored_lights
 from simulator.rendering.chrome import draw_mirrored_lights, mirror_points, splat
 from simulator.rendering.shadow import Occluders
-from simulator.scene.lens import Lens
+from simulator.shapes import Even, SphericalCap
 from tests.quick_sample import quick
 
 LENS = Lens.of(bench_camera())  # its eye is at (0, 0, 600)

@@ -6,21 +6,11 @@ import numpy as np
 import pytest
 
 from acquisition import DataError, Lights
-from simulator import (
-    Ball,
-    BandNoise,
-    Box,
-    ChromeSphere,
-    Even,
-    Lens,
-    Plane,
-    Scene,
-    bench_camera,
-    bench_sensor,
-    find_mirrored_lights,
-    render,
-)
+from simulator import ChromeSphere, Lens, Scene, bench_camera, bench_sensor, render
+from simulator.rendering import find_mirrored_lights
 from simulator.rendering.trace import see
+from simulator.scene import Ball, Box
+from simulator.shapes import BandNoise, Even, Plane
 
 FROM_LEFT = Lights(directions=np.array([[-1.0, 0.0, 1.0]]) / np.sqrt(2))
 FLAT = Lens.orthographic(120, 100, 1.0, 200.0)

@@ -7,8 +7,8 @@ import pytest
 
 from acquisition import DataError, Lights, NoiseModel
 from simulator import render, scene_named
-from simulator.camera.sensor import sensor_image
-from simulator.rendering.cramer_rao import Measurement, cramer_rao_deg
+from simulator.camera import sensor_image
+from simulator.rendering import Measurement, cramer_rao_deg
 
 NOISE = NoiseModel(2.5, 6.0, 64.0, 12)
 # One photon per microsecond from a white surface: exposure times equal photons.

@@ -8,8 +8,8 @@ import pytest
 
 from acquisition import NoiseModel
 from rig import CameraError
-from simulator.camera.gentl_camera import FAULTS, GentlCamera, GentlDevice
-from simulator.camera.sensor import ImageFormation
+from simulator.camera import GentlCamera, GentlDevice, ImageFormation
+from simulator.camera.gentl_camera import FAULTS
 from tests.simulator import gentl_client as gentl
 from tests.simulator.camera_options import grouped
 

@@ -7,11 +7,9 @@ import pytest
 
 from acquisition import NoiseModel
 from rig import CameraError
-from simulator.bench.state import BenchState
-from simulator.camera.gentl_camera import GentlCamera
-from simulator.camera.sensor import ImageFormation
-from simulator.camera.virtual_camera import VirtualCamera
-from simulator.scene.lamps import Lamps
+from simulator.bench import BenchState
+from simulator.camera import GentlCamera, ImageFormation, VirtualCamera
+from simulator.scene import Lamps
 from tests.simulator import gentl_client as gentl
 from tests.simulator.camera_options import grouped
 

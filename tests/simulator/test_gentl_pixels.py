@@ -9,8 +9,7 @@ from harvesters.core import Harvester
 from harvesters.util.pfnc import symbolics
 
 from acquisition import NoiseModel
-from simulator.camera.gentl_camera import GentlCamera, GentlDevice
-from simulator.camera.sensor import ImageFormation
+from simulator.camera import GentlCamera, GentlDevice, ImageFormation
 from tests.simulator import gentl_client as gentl
 
 SIZE = (12, 20)

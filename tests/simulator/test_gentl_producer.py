@@ -10,8 +10,8 @@ import harvesters.test
 import pytest
 
 from acquisition import NoiseModel
-from simulator.camera.gentl_camera import SIZE, GentlCamera, GentlDevice
-from simulator.camera.sensor import ImageFormation
+from simulator.camera import GentlCamera, GentlDevice, ImageFormation
+from simulator.camera.gentl_camera import SIZE
 from simulator.gentl import build
 from tests.simulator import gentl_client as gentl
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from acquisition import NoiseModel
-from simulator.bench.state import BenchState
+from simulator.bench import BenchState
 from tests.simulator import gentl_client as gentl
 
 SIZE = (4, 6)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from acquisition import DataError
-from simulator import Checker, Cork, Print, Weave, Wood
+from simulator.shapes import Checker, Cork, Print, Weave, Wood
 
 GROUNDS = [Cork, Wood, Print, Weave]
 

@@ -8,9 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from acquisition import DataError, NoiseModel
-from simulator.bench.state import BenchState, BenchWriter
-from simulator.camera.virtual_camera import VirtualCamera
-from simulator.scene.lamps import Lamps, gate_share
+from simulator.bench import BenchState, BenchWriter
+from simulator.camera import VirtualCamera
+from simulator.scene import Lamps
+from simulator.scene.lamps import gate_share
 from tests.simulator.camera_options import grouped
 
 S = 10**9

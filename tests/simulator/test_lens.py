@@ -7,8 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from acquisition import CameraModel, DataError
-from simulator import bench_camera
-from simulator.scene.lens import Lens
+from simulator import Lens, bench_camera
 
 WIDTH, HEIGHT, FAR = 640, 512, 600.0
 K = np.array([[1307.0, 0, 322.3], [0, 1311.5, 250.9], [0, 0, 1]])

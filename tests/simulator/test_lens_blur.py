@@ -9,25 +9,14 @@ from scipy.optimize import least_squares
 from scipy.special import ndtr
 
 from acquisition import DataError, Lights
-from simulator import (
-    Ball,
-    Box,
-    Checker,
-    ChromeSphere,
-    Even,
-    Lens,
-    Optics,
-    Scene,
-    bench_camera,
-    bench_sensor,
-    find_mirrored_lights,
-    render,
-    scene_named,
-)
+from simulator import ChromeSphere, Lens, Scene, bench_camera, bench_sensor, render, scene_named
+from simulator.rendering import find_mirrored_lights
 from simulator.rendering.blur import blur
 from simulator.rendering.chrome import image_depth_mm
 from simulator.rendering.shade import Shader
 from simulator.rendering.trace import see
+from simulator.scene import Ball, Box, Optics
+from simulator.shapes import Checker, Even
 
 CAMERA = bench_camera(160, 120)
 ABOVE = Lights(directions=np.array([[0.0, 0.0, 1.0]]))

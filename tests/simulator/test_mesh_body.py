@@ -10,7 +10,8 @@ import pytest
 import trimesh
 
 from acquisition import DataError, MissingPathError
-from simulator.shapes.mesh import MeshBody, read_triangles
+from simulator.shapes import MeshBody
+from simulator.shapes.mesh import read_triangles
 from tests.quick_sample import quick
 
 MESHES = ("stanford-bunny", "decimated-max", "skull")

@@ -10,14 +10,15 @@ from pathlib import Path
 
 import pytest
 
-from simulator import OwnedFolder, VirtualBoard, remove_abandoned
+from simulator.bench import OwnedFolder, remove_abandoned
 from simulator.bench.owned_folder import _LOCK
+from simulator.led_board import VirtualBoard
 
 # Makes a folder, prints its path, and waits to be killed.
 OWNER = """
 import sys, time
 from pathlib import Path
-from simulator.bench.owned_folder import OwnedFolder
+from simulator.bench import OwnedFolder
 folder = OwnedFolder("sgp-test-", Path(sys.argv[1]))
 (folder.path / "deep" / "er").mkdir(parents=True)
 (folder.path / "deep" / "er" / "file").write_text("x")
@@ -190,7 +191,7 @@ def test_the_folder_of_a_board_killed_with_its_host_is_removed(tmp_path, monkeyp
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     program = (
         "import os, signal, simulator\n"
-        "board = simulator.VirtualBoard(4)\n"
+        "board = simulator.led_board.VirtualBoard(4)\n"
         "os.kill(board.pid, signal.SIGKILL)\n"
         "os.kill(os.getpid(), signal.SIGKILL)\n"
     )

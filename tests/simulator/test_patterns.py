@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from acquisition import DataError
-from simulator.shapes.patterns import ChArUco, Checker, ColourWheel, Even, Gradient, Paint
+from simulator.shapes import ChArUco, Checker, ColourWheel, Even, Gradient, Paint
 from tests.quick_sample import quick
 
 PATTERNS = [

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from acquisition import DataError
-from simulator import random_normals, random_relief, rugged_normals
+from simulator import random_normals
+from simulator.reliefs import random_relief, rugged_normals
 
 SIZE = 48
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from acquisition import DataError
-from simulator import Ggx, Lambert, OrenNayar
+from simulator.scene import Ggx, Lambert, OrenNayar
 from simulator.scene.reflectance import reflectance
 from tests.quick_sample import quick
 

@@ -6,20 +6,8 @@ import numpy as np
 import pytest
 
 from acquisition import CameraModel, DataError, Lights
-from simulator import (
-    ChromeSphere,
-    Coin,
-    Even,
-    Lens,
-    Paint,
-    Plane,
-    Ripples,
-    Scene,
-    SphericalCap,
-    bench_sensor,
-    render,
-    scene_named,
-)
+from simulator import ChromeSphere, Lens, Scene, bench_sensor, render, scene_named
+from simulator.shapes import Coin, Even, Paint, Plane, Ripples, SphericalCap
 
 WHITE = Even(1.0)
 # No square pixels and no centred axis, so that exchanging x and y is detected.

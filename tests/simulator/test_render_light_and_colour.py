@@ -6,23 +6,9 @@ import numpy as np
 import pytest
 
 from acquisition import CameraModel, DataError, Lights
-from simulator import (
-    Checker,
-    ChromeSphere,
-    Coin,
-    ColourWheel,
-    Even,
-    Ggx,
-    Lambert,
-    Lens,
-    OrenNayar,
-    Plane,
-    Ripples,
-    Scene,
-    SphericalCap,
-    bench_sensor,
-    render,
-)
+from simulator import ChromeSphere, Lens, Scene, bench_sensor, render
+from simulator.scene import Ggx, Lambert, OrenNayar
+from simulator.shapes import Checker, Coin, ColourWheel, Even, Plane, Ripples, SphericalCap
 from tests.quick_sample import quick
 
 CAMERA = CameraModel(np.array([[300.0, 0, 70.3], [0, 320.0, 41.8], [0, 0, 1]]), 150, 90, 500.0)

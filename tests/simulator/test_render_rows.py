@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from acquisition import DataError, StorageError
-from simulator import Ripples, render, render_stored, rendering_bytes, scene_named
+from simulator import render, scene_named
+from simulator.rendering import render_stored, rendering_bytes
 from simulator.rendering.renderer import RowRenderer
+from simulator.shapes import Ripples
 
 # Bytes of memory for a few rows: the work of a rendering, and 4 images of 180 bytes a pixel.
 FEW_ROWS = 2**27 + 12 * 48 * 180

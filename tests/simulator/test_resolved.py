@@ -6,17 +6,9 @@ import numpy as np
 import pytest
 
 from acquisition import Lights, angle_deg
-from simulator import (
-    BandNoise,
-    Checker,
-    Lens,
-    Optics,
-    Scene,
-    bench_camera,
-    bench_sensor,
-    render,
-    resolved_normals,
-)
+from simulator import Lens, Scene, bench_camera, bench_sensor, render, resolved_normals
+from simulator.scene import Optics
+from simulator.shapes import BandNoise, Checker
 
 LIGHTS = Lights(directions=np.array([[0.4, 0.0, 1.0], [-0.2, 0.35, 1.0], [-0.2, -0.35, 1.0]]))
 

@@ -8,17 +8,8 @@ import numpy as np
 import pytest
 
 from acquisition import CameraModel, DataError, Lights
-from simulator import (
-    SCENES,
-    ChromeSphere,
-    Lens,
-    Paint,
-    Plane,
-    bench_camera,
-    dome_lights,
-    render,
-    scene_named,
-)
+from simulator import SCENES, ChromeSphere, Lens, bench_camera, dome_lights, render, scene_named
+from simulator.shapes import Paint, Plane
 from tests.quick_sample import quick
 
 COIN = scene_named("coin", width=64, height=48, leds=4)

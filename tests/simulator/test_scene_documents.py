@@ -9,17 +9,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from simulator import (
-    SCENES,
-    Ball,
-    BandNoise,
-    Box,
-    Checker,
-    read_scene,
-    render,
-    write_scene,
-)
+from simulator import SCENES, read_scene, render, write_scene
+from simulator.scene import Ball, Box
 from simulator.scene.scene_parts import BODIES, CLUTTER, LENSES, LIGHTS, MATERIALS, PATTERNS
+from simulator.shapes import BandNoise, Checker
 from tests.simulator.conftest import SMALL
 
 

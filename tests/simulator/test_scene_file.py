@@ -18,24 +18,18 @@ from acquisition import (
     write_lights,
 )
 from simulator import (
-    Checker,
     ChromeSphere,
-    Coin,
-    Even,
-    Ggx,
-    Lambert,
-    Lamps,
     Lens,
-    Plane,
     Scene,
-    SphericalCap,
     dome_lights,
     read_scene,
     render,
     scene_named,
     write_scene,
 )
+from simulator.scene import Ggx, Lambert, Lamps
 from simulator.scene.scene_parts import BODIES, MATERIALS, PATTERNS
+from simulator.shapes import Checker, Coin, Even, Plane, SphericalCap
 from tests.quick_sample import quick
 from tests.simulator.conftest import SMALL
 

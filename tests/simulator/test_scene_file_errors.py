@@ -12,13 +12,8 @@ from acquisition import (
     StorageError,
     write_lights,
 )
-from simulator import (
-    Plane,
-    dome_lights,
-    read_scene,
-    scene_named,
-    write_scene,
-)
+from simulator import dome_lights, read_scene, scene_named, write_scene
+from simulator.shapes import Plane
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from acquisition import NoiseModel
-from simulator.camera.sensor import EXACT_BELOW_E, fixed_pattern, sensor_image
+from simulator.camera import fixed_pattern, sensor_image
+from simulator.camera.sensor import EXACT_BELOW_E
 from tests.quick_sample import quick
 
 SHAPE = (1000, 1000)

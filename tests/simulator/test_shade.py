@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from acquisition import Lights
-from simulator import Ggx, Lambert, Lens, Plane, Scene, bench_sensor
+from simulator import Lens, Scene, bench_sensor
 from simulator.rendering.shade import Shader, irradiance, lamp_parts, lamp_table
 from simulator.rendering.trace import Seen
+from simulator.scene import Ggx, Lambert
+from simulator.shapes import Plane
 
 AXES = np.array(
     [

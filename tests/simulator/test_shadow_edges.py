@@ -8,20 +8,8 @@ import trimesh
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from acquisition import CameraModel, Lights
-from simulator import (
-    BandNoise,
-    ChromeSphere,
-    Coin,
-    Even,
-    Lens,
-    MeshBody,
-    Plane,
-    Ripples,
-    Scene,
-    SphericalCap,
-    bench_sensor,
-    render,
-)
+from simulator import ChromeSphere, Lens, Scene, bench_sensor, render
+from simulator.shapes import BandNoise, Coin, Even, MeshBody, Plane, Ripples, SphericalCap
 from tests.quick_sample import quick
 
 PERSPECTIVE = Lens.of(

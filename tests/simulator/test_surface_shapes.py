@@ -8,10 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from acquisition import DataError
-from simulator import BandNoise, Coin, Plane, Ripples, SphericalCap
-from simulator.shapes.carved_surfaces import (
+from simulator.shapes import (
+    BandNoise,
+    Coin,
     CrackedLeather,
     LizardScales,
+    Plane,
+    Ripples,
+    SphericalCap,
     StepGauge,
     Textile,
     WoodCarving,

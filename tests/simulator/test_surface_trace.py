@@ -6,10 +6,17 @@ import numpy as np
 import pytest
 
 from acquisition import DataError
-from simulator import BandNoise, Coin, Plane, Ripples, SphericalCap
-from simulator.shapes.carved_surfaces import CrackedLeather, StepGauge
+from simulator.shapes import (
+    BandNoise,
+    Coin,
+    CrackedLeather,
+    Plane,
+    Ripples,
+    SphericalCap,
+    StepGauge,
+    Surface,
+)
 from simulator.shapes.field_trace import FieldBounds, meet_field
-from simulator.shapes.surface import Surface
 from tests.quick_sample import quick
 
 ABOVE = np.array([0.0, 0.0, 600.0])

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from acquisition import DataError, StorageError, read_camera, read_image, read_lights, read_mask
-from simulator import Lamps, Lens, Rendering, read_scene, render, save_truth, scene_named
+from simulator import Lens, Rendering, read_scene, render, save_truth, scene_named
+from simulator.scene import Lamps
 
 EXPOSURES_US = (4_000.0,)
 

@@ -6,16 +6,8 @@ import threading
 import pytest
 
 from rig import RigError
-from simulator.bench.state import (
-    NEVER_NS,
-    RING,
-    SIZE,
-    BenchState,
-    BenchWriter,
-    ExposurePeriod,
-    LitPeriod,
-    TriggerPulse,
-)
+from simulator.bench import BenchState, BenchWriter, ExposurePeriod, LitPeriod, TriggerPulse
+from simulator.bench.state import NEVER_NS, RING, SIZE
 
 
 @pytest.fixture

@@ -5,9 +5,9 @@ import sys
 
 import pytest
 
-from rig import Command, Reply, decode_reply, encode_command
-from simulator.bench.state import LitPeriod
-from simulator.led_board.faults import BoardFault
+from rig.board import Command, Reply, decode_reply, encode_command
+from simulator.bench import LitPeriod
+from simulator.led_board import BoardFault
 from tests.simulator.desk import MS, load_steps
 
 

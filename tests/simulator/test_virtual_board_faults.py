@@ -6,8 +6,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from rig import LineBuffer, LineError, Reply, decode_reply
-from simulator.led_board.faults import BoardFault, PowerCutError
+from rig.board import LineBuffer, LineError, Reply, decode_reply
+from simulator.led_board import BoardFault, PowerCutError
 from tests.simulator.desk import MS, Desk
 
 # Effect of each fault on FLASH 7, sent to a board whose LED 3 is on.

@@ -8,11 +8,9 @@ from scipy import optimize
 
 from acquisition import NoiseModel
 from rig import CameraError
-from simulator.bench.state import BenchState, BenchWriter
-from simulator.camera import virtual_sensor
-from simulator.camera.sensor import ImageFormation, fixed_pattern
-from simulator.camera.virtual_camera import VirtualCamera
-from simulator.scene.lamps import Lamps
+from simulator.bench import BenchState, BenchWriter
+from simulator.camera import ImageFormation, VirtualCamera, fixed_pattern, virtual_sensor
+from simulator.scene import Lamps
 from tests.simulator.camera_options import grouped
 
 SIZE = (3, 5)

@@ -9,32 +9,21 @@ import numpy as np
 import pytest
 
 from acquisition import NoiseModel
-from rig import (
-    Board,
-    BoardError,
-    GenICamCamera,
-    Mounting,
-    Rig,
-    RigConfig,
-    RigConfigError,
-    RigError,
-    Wires,
-    open_genicam,
-)
+from rig import Board, BoardError, Mounting, Rig, RigConfig, RigConfigError, RigError
+from rig.genicam import GenICamCamera, open_genicam
+from rig.shooting import Wires
 from simulator import (
-    VirtualBoard,
-    VirtualCamera,
     bench_sensor,
     open_rig,
     open_rig_seeing,
+    read_scene,
     render,
     scene_named,
+    simulated_rig,
 )
-from simulator.camera.gentl_camera import GentlCamera, GentlDevice
-from simulator.camera.sensor import ImageFormation, fixed_pattern
+from simulator.camera import GentlCamera, GentlDevice, ImageFormation, VirtualCamera, fixed_pattern
+from simulator.led_board import VirtualBoard
 from simulator.rigs import bench_rig as _simulated_rig
-from simulator.rigs.bench_rig import simulated_rig
-from simulator.scene.scene_file import read_scene
 from tests.quick_sample import quick
 from tests.simulator.camera_options import grouped
 

@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from acquisition import CameraModel, LightErrors, Lights, angle_deg, tangent_basis
+from acquisition import CameraModel, LightErrors, Lights, angle_deg
+from acquisition.values import tangent_basis
 from calibration._errors import EstimateError
 from calibration.spheres.geometry.cone import Cone
 from calibration.spheres.geometry.reflection import orthographic_directions, reflected_rays
@@ -176,8 +177,8 @@ def direction_covariances(
     Returns
     -------
     Array
-        In the basis of `acquisition.tangent_basis`. NaN where a change hides the highlight: there
-        the light is seen at the rim.
+        In the basis of `acquisition.values.tangent_basis`. NaN where a change hides the highlight:
+        there the light is seen at the rim.
     """
     none = np.zeros((highlights_px.shape[1], 3))
     rays = rays_of(highlights_px, none)

@@ -1,1 +1,1 @@
-"""Surfaces that are solved in blocks, see `processing.integrate_in_blocks`."""
+"""Surfaces that are solved in blocks, see `processing.surface.integrate_in_blocks`."""

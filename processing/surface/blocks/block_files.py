@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from acquisition import BandFile, DamagedMapsError, write_durably
+from acquisition import write_durably
+from acquisition.files import BandFile, DamagedMapsError
 from processing.surface.blocks.plan import plan_blocks
 from rig.arrays import AnyArray, Float32, Float64, Int32
 

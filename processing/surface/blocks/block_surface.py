@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from acquisition import BandStore, CameraModel, DamagedMapsError, DataError, MapRows, Maps
+from acquisition import CameraModel, DataError, MapRows
+from acquisition.files import BandStore, DamagedMapsError, Maps
 from calibration import EstimateError
 from processing.stages.stage import NormalRows, size_of
 from processing.surface.blocks.block_files import BlockFiles
@@ -84,8 +85,9 @@ def integrate_in_blocks(
     --------
     >>> import numpy as np
     >>> from pathlib import Path
-    >>> from acquisition import BandStore
-    >>> from processing import NormalMap, SurfaceStage, integrate_in_blocks
+    >>> from acquisition.files import BandStore
+    >>> from processing import NormalMap
+    >>> from processing.surface import SurfaceStage, integrate_in_blocks
     >>> y, x = np.mgrid[1:-1:96j, -1:1:40j]
     >>> bowl = NormalMap.from_vectors(np.dstack([x, y, 0 * x + 2]))
     >>> with BandStore(Path("bowl"), {}, SurfaceStage().forms(bowl.size)) as store:

@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from acquisition import CameraModel, MapRows, Maps
+from acquisition import CameraModel, MapRows
+from acquisition.files import Maps
 from processing.surface.blocks.block_files import BlockFiles, Record
 from processing.surface.blocks.block_solutions import OwnSolutions
 from processing.surface.blocks.coarse import CoarseGrid

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from acquisition import Form
+from acquisition.files import Form
 from processing.stages.stage import Need, Size
 from processing.surface.blocks.plan import plan_blocks
 
@@ -45,7 +45,7 @@ class SurfaceStage:
 
     Examples
     --------
-    >>> from processing import SurfaceStage
+    >>> from processing.surface import SurfaceStage
     >>> need = SurfaceStage().need((8944, 11180))
     >>> f"{need.whole / 1e9:.1f} GB as a whole, {need.least / 1e9:.1f} GB in blocks"
     '10.8 GB as a whole, 1.7 GB in blocks'

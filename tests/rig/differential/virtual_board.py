@@ -16,11 +16,8 @@ import tempfile
 import tty
 from pathlib import Path
 
-from simulator.bench.state import BenchState, BenchWriter
-from simulator.led_board import firmware
-from simulator.led_board.faults import FaultyBoard
-from simulator.led_board.firmware import BoardFirmware
-from simulator.led_board.outputs import ActiveInput, BoardOutputs
+from simulator.bench import BenchState, BenchWriter
+from simulator.led_board import ActiveInput, BoardFirmware, BoardOutputs, FaultyBoard, firmware
 
 _US = 1000
 # Time of a byte on the line, as in the host board.

@@ -1,0 +1,16 @@
+from .camera_raw import RawFrame as RawFrame
+from .camera_raw import read_raw as read_raw
+from .frame_quality import FrameQuality as FrameQuality
+from .images import ImageRows as ImageRows
+from .images import read_image as read_image
+from .images import read_image_with_alpha as read_image_with_alpha
+from .images import write_exr as write_exr
+from .images import write_png as write_png
+from .images import write_tiff as write_tiff
+from .mask_files import read_mask as read_mask
+from .mask_files import read_mask_shares as read_mask_shares
+from .mask_files import write_mask as write_mask
+from .quality import measure_quality as measure_quality
+from .stated_facts import ImageFacts as ImageFacts
+from .stated_facts import ShotFacts as ShotFacts
+from .stated_facts import image_facts as image_facts

@@ -1,0 +1,16 @@
+from .camera import read_camera as read_camera
+from .camera import write_camera as write_camera
+from .flat_json import flat_files as flat_files
+from .flat_json import read_flat as read_flat
+from .flat_json import write_flat as write_flat
+from .lights import lights_of_rig as lights_of_rig
+from .lights import read_lights as read_lights
+from .lights import write_lights as write_lights
+from .mat5 import write_normals_mat as write_normals_mat
+from .near_lights import LightAxes as LightAxes
+from .near_lights import NearLights as NearLights
+from .near_lights import is_near_lights as is_near_lights
+from .near_lights import read_near_lights as read_near_lights
+from .sensor_json import read_sensor as read_sensor
+from .sensor_json import write_sensor as write_sensor
+from .transfer import read_transfer as read_transfer

@@ -1,0 +1,10 @@
+from .board import BoardView as BoardView
+from .board import CharucoBoard as CharucoBoard
+from .board import read_board as read_board
+from .board import write_board as write_board
+from .board_search import find_board as find_board
+from .calibrate import CalibratedView as CalibratedView
+from .calibrate import CameraCalibration as CameraCalibration
+from .calibrate import calibrate_camera as calibrate_camera
+from .working_plane import WorkingPlane as WorkingPlane
+from .working_plane import find_working_plane as find_working_plane

@@ -1,0 +1,2 @@
+from .slopes import Curvature as Curvature
+from .slopes import curvature as curvature

@@ -1,0 +1,14 @@
+from .mask import ObjectMask as ObjectMask
+from .mask import object_mask as object_mask
+from .metrics import AngularError as AngularError
+from .metrics import angular_error as angular_error
+from .metrics import ssim as ssim
+from .normal_map import NormalMap as NormalMap
+from .normal_map_files import FoundNormals as FoundNormals
+from .normal_map_files import NormalMapFile as NormalMapFile
+from .normal_map_files import StoredNormals as StoredNormals
+from .normal_map_files import find_normals as find_normals
+from .normal_map_files import read_normals as read_normals
+from .normal_map_files import store_normals as store_normals
+from .normal_map_files import write_normal_rows as write_normal_rows
+from .normal_map_files import write_normals as write_normals

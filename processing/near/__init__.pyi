@@ -1,0 +1,2 @@
+from .near_height import HeightStep as HeightStep
+from .near_height import NearHeight as NearHeight

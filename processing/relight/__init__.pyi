@@ -1,0 +1,11 @@
+from .ptm_file import read_ptm as read_ptm
+from .ptm_file import write_ptm as write_ptm
+from .relightable import fit_normals as fit_normals
+from .relightable import fit_recording as fit_recording
+from .relightable_fit import RelightColours as RelightColours
+from .relightable_fit import RelightFit as RelightFit
+from .relightable_fit import RelightValues as RelightValues
+from .relightable_image import LightBasis as LightBasis
+from .relightable_image import RelightableImage as RelightableImage
+from .relightable_image import light_basis as light_basis
+from .rti_planes import write_rti_planes as write_rti_planes

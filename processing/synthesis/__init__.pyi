@@ -1,0 +1,14 @@
+from .figures import TextureFigures as TextureFigures
+from .figures import texture_figures as texture_figures
+from .hole_filling import FilledHoles as FilledHoles
+from .hole_filling import fill_holes as fill_holes
+from .method import SYNTHESIZERS as SYNTHESIZERS
+from .method import SynthesisMethod as SynthesisMethod
+from .method import Synthesizer as Synthesizer
+from .pixel_synthesis import efros_leung as efros_leung
+from .seam_steps import CutSteps as CutSteps
+from .sheet_synthesis import Synthesis as Synthesis
+from .sheet_synthesis import SynthesisStage as SynthesisStage
+from .sheet_synthesis import synthesize as synthesize
+from .target_synthesis import TargetSynthesis as TargetSynthesis
+from .target_synthesis import synthesize_onto as synthesize_onto

@@ -1,0 +1,17 @@
+from .guard import MAX_BINARY_BYTES as MAX_BINARY_BYTES
+from .guard import MAX_PIXELS as MAX_PIXELS
+from .guard import MAX_TEXT_BYTES as MAX_TEXT_BYTES
+from .guard import MAX_TOML_BYTES as MAX_TOML_BYTES
+from .guard import FileStatus as FileStatus
+from .guard import SgpError as SgpError
+from .guard import UnreadableError as UnreadableError
+from .guard import check_pixels as check_pixels
+from .guard import check_text as check_text
+from .guard import convert_parser_errors as convert_parser_errors
+from .guard import files_read as files_read
+from .guard import note_read as note_read
+from .guard import parse_json as parse_json
+from .guard import parse_toml as parse_toml
+from .guard import read_bounded as read_bounded
+from .guard import read_head as read_head
+from .guard import status_when_read as status_when_read

@@ -1,0 +1,9 @@
+from .notice import Notice as Notice
+from .notice import Progress as Progress
+from .notice import Severity as Severity
+from .notice import no_progress as no_progress
+from .notice import pluralize as pluralize
+from .representation import short_repr as short_repr
+from .type_check import check_led as check_led
+from .type_check import check_type as check_type
+from .validation import validation_message as validation_message

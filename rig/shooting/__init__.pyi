@@ -1,0 +1,3 @@
+from .shooting import Wires as Wires
+from .shot import Shot as Shot
+from .shot_times import ShotTimes as ShotTimes

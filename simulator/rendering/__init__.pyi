@@ -1,0 +1,13 @@
+from .board_picture import board_view as board_view
+from .chrome import MirroredLights as MirroredLights
+from .chrome import find_mirrored_lights as find_mirrored_lights
+from .cramer_rao import Measurement as Measurement
+from .cramer_rao import cramer_rao_deg as cramer_rao_deg
+from .renderer import StoredRendering as StoredRendering
+from .renderer import render as render
+from .renderer import render_stored as render_stored
+from .renderer import rendering_bytes as rendering_bytes
+from .rendering import Rendering as Rendering
+from .rendering import Truth as Truth
+from .rendering import resolved_normals as resolved_normals
+from .truth_files import save_truth as save_truth
