@@ -30,6 +30,13 @@ def measure_quality(
     -------
     FrameQuality
         Exact counts; the sharpness to six significant digits, the mean to four decimals.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition.pixels import measure_quality
+    >>> measure_quality(np.full((4, 6), 4095, np.uint16), white_level_dn=4095).clipped_fraction
+    1.0
     """
     step = 1 if pixels.ndim == 2 else pixels.shape[2]
     rows = np.ascontiguousarray(pixels).reshape(len(pixels), -1)

@@ -216,6 +216,15 @@ def image_facts(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> ImageFacts
     """Return the facts about an image or a camera RAW file, from its header only.
 
     Errors are those of `read_image` and `read_raw`, except for damage after the header.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import write_png
+    >>> from acquisition.pixels import image_facts
+    >>> write_png("even.png", np.full((4, 6), 7, np.uint16))
+    >>> image_facts("even.png").shape
+    (4, 6)
     """
     path = Path(path)
     if is_raw(path):

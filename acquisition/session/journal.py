@@ -236,6 +236,13 @@ def encode_line(record: Mapping[str, Any], previous_sha256: str) -> tuple[bytes,
         Bytes with the final newline.
     sha256
         Hash of the line, which the next line includes in its own.
+
+    Examples
+    --------
+    >>> from acquisition.session import GENESIS, encode_line
+    >>> line, sha256 = encode_line({"seq": 0, "kind": "event"}, GENESIS)
+    >>> line[:8], len(sha256)
+    (b'{"seq":0', 64)
     """
     text = json.dumps(record, separators=(",", ":"), allow_nan=False)[:-1].encode("ascii")
     own = _chained(previous_sha256, text)
@@ -243,7 +250,14 @@ def encode_line(record: Mapping[str, Any], previous_sha256: str) -> tuple[bytes,
 
 
 def parse_journal(data: bytes) -> Journal:
-    """Parse the bytes of a journal into intact, torn and damaged parts. Raises no errors."""
+    """Parse the bytes of a journal into intact, torn and damaged parts. Raises no errors.
+
+    Examples
+    --------
+    >>> from acquisition.session import parse_journal
+    >>> parse_journal(b"half a line").torn
+    b'half a line'
+    """
     lines: list[Line] = []
     kept: list[bytes] = []
     previous = GENESIS

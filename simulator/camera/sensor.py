@@ -51,6 +51,8 @@ class FixedPattern:
 
     maps: Float32
 
+    __repr__ = short_repr
+
 
 def pixel_format(cfa: str | None, depth: int) -> str:
     """Return the GenICam pixel format of unpacked samples of ``depth`` bits."""
@@ -81,6 +83,13 @@ def fixed_pattern(
     -------
     FixedPattern or None
         None if all pixels are alike.
+
+    Examples
+    --------
+    >>> from acquisition import NoiseModel
+    >>> from simulator.camera import fixed_pattern
+    >>> fixed_pattern(NoiseModel(2.0, 5.0, 60.0, 12), (4, 6)) is None  # all pixels are alike
+    True
     """
     hot = noise.hot_pixel_fraction * noise.hot_pixel_e_per_s
     if not (noise.prnu or noise.dsnu_e or hot):
@@ -144,6 +153,15 @@ def sensor_image(
     -------
     npt.NDArray[np.uint16]
         ``(H, W)`` grey values in the least significant bits.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import NoiseModel
+    >>> from simulator.camera import sensor_image
+    >>> noise = NoiseModel(2.0, 5.0, 60.0, 12)
+    >>> sensor_image(np.full((4, 6), 1000, np.float32), noise, key=(1,)).shape
+    (4, 6)
     """
     dn_per_electron = 10.0 ** (gain_db / 20.0) / noise.electrons_per_dn
     state = np.uint64(0 if key is None else stream(*key))

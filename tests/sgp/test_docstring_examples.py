@@ -6,13 +6,13 @@ A result that is an error is compared by its kind only, since texts may change.
 from __future__ import annotations
 
 import doctest
-import importlib
 import inspect
 from collections.abc import Callable, Iterator
 
 import pytest
 
-ROOMS = ("rig", "acquisition", "calibration", "processing", "simulator")
+from tests.public_names import public_values
+
 # Functions that do nothing useful without hardware, a file that we cannot make, or a signal.
 WITHOUT = {
     "rig.end_program": "ends the program",
@@ -36,17 +36,7 @@ _FLAGS = doctest.ELLIPSIS | doctest.IGNORE_EXCEPTION_DETAIL
 _FINDER = doctest.DocTestFinder(recurse=False)
 
 
-def public_functions() -> Iterator[tuple[str, Callable[..., object]]]:
-    """Yield the public functions with their names, each in the room where it is defined."""
-    for room in ROOMS:
-        module = importlib.import_module(room)
-        for name in module.__all__:
-            value = getattr(module, name)
-            if inspect.isfunction(value) and value.__module__.split(".")[0] == room:
-                yield f"{room}.{name}", value
-
-
-FUNCTIONS = dict(public_functions())
+FUNCTIONS = {name: value for name, value in public_values() if inspect.isfunction(value)}
 
 
 def examples(function: Callable[..., object]) -> list[doctest.Example]:

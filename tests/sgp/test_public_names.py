@@ -1,4 +1,4 @@
-"""The public names of every package: listed once, loaded when they are used."""
+"""The public names of every package and namespace: listed once, loaded when they are used."""
 
 import importlib
 import subprocess
@@ -6,27 +6,48 @@ import sys
 
 import pytest
 
-PACKAGES = ("rig", "acquisition", "calibration", "processing", "simulator")
+from tests.public_names import NAMESPACES, ROOMS, namespaces
+
 # Modules that a package must not import before one of its names is used.
 HEAVY = ("numpy", "scipy", "cv2", "numba", "OpenImageIO", "pydantic", "harvesters", "rawpy")
 
 
-@pytest.mark.parametrize("package", PACKAGES)
-def test_every_public_name_exists(package):
-    module = importlib.import_module(package)
+@pytest.mark.parametrize("place", [*ROOMS, *NAMESPACES])
+def test_every_public_name_exists(place):
+    module = importlib.import_module(place)
     assert set(module.__all__) <= set(dir(module))
     for name in module.__all__:
         assert getattr(module, name) is not None
 
 
-@pytest.mark.parametrize("package", PACKAGES)
-def test_a_package_imports_nothing_heavy_by_itself(package):
-    code = f"import sys, {package}; print([m for m in {HEAVY} if m in sys.modules])"
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_name_at_the_top_is_the_one_of_its_namespace(room):
+    module, found = importlib.import_module(room), 0
+    for place in namespaces(room):
+        space = importlib.import_module(place)
+        for name in {*module.__all__} & {*space.__all__}:
+            assert getattr(module, name) is getattr(space, name)
+            found += 1
+    assert found
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_package_and_its_namespaces_import_nothing_heavy_by_themselves(room):
+    code = (
+        f"import sys, {', '.join([room, *namespaces(room)])}; "
+        f"print([m for m in {HEAVY} if m in sys.modules])"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 
 
-@pytest.mark.parametrize("package", PACKAGES)
-def test_a_name_that_does_not_exist(package):
+@pytest.mark.parametrize("place", [*ROOMS, *NAMESPACES])
+def test_a_name_that_does_not_exist(place):
     with pytest.raises(AttributeError, match="no_such_name"):
-        _ = importlib.import_module(package).no_such_name
+        _ = importlib.import_module(place).no_such_name
+
+
+def test_a_namespace_is_an_attribute_of_its_package():
+    code = "import processing; print(processing.surface.Jumps.__name__)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "Jumps"

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import importlib
 import re
 from dataclasses import fields, is_dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, get_origin
+from typing import get_origin
 
 import numpy as np
 import pytest
@@ -18,9 +17,9 @@ import processing
 import rig
 import simulator
 from rig import Notice, arrays, short_repr
+from tests.public_names import public_values
 
 GOLDEN = Path(__file__).parents[1] / "acquisition" / "golden_session_3"
-ROOMS = ("rig", "acquisition", "calibration", "processing", "simulator")
 LONGEST = 160
 _ALIASES = [name for name, kind in vars(arrays).items() if get_origin(kind) is np.ndarray]
 # Annotations of arrays, not of functions that return one.
@@ -147,23 +146,13 @@ def test_a_session_and_its_parts_are_shown_in_one_short_line() -> None:
     assert [repr(value) for value, _ in shown] == [text for _, text in shown]
 
 
-def _public_classes() -> dict[str, Any]:
-    found = {}
-    for room in ROOMS:
-        stub = (Path(__file__).parents[2] / room / "__init__.pyi").read_text(encoding="utf-8")
-        for name in re.findall(r" as (\w+)$", stub, re.MULTILINE):
-            value = getattr(importlib.import_module(room), name)
-            if isinstance(value, type):
-                found[f"{room}.{name}"] = value
-    return found
-
-
 def test_no_public_class_shows_the_numbers_of_an_array() -> None:
     """A dataclass with an array has a representation of its own, or `rig.short_repr`."""
     assert [
         name
-        for name, kind in _public_classes().items()
-        if is_dataclass(kind)
+        for name, kind in public_values()
+        if isinstance(kind, type)
+        and is_dataclass(kind)
         and hasattr(kind.__repr__, "__wrapped__")  # made by @dataclass
         and any(field.repr and _ARRAY.search(str(field.type)) for field in fields(kind))
     ] == []

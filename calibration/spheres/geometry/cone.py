@@ -67,6 +67,16 @@ def fit_cone(rays: Float64, pixel_angle: float) -> tuple[Cone, Float64]:
     ------
     EstimateError
         If fewer than 3 rays remain or they do not form a cone.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from calibration.spheres import fit_cone
+    >>> turn = np.linspace(0, 2 * np.pi, 60)
+    >>> rays = np.stack([0.1 * np.cos(turn), 0.1 * np.sin(turn), np.ones(60)], 1)
+    >>> cone, weights = fit_cone(rays, pixel_angle=0.001)
+    >>> round(float(cone.sine), 4)
+    0.0995
     """
     unit = rays / np.linalg.norm(rays, axis=1, keepdims=True)
     weights = np.ones(len(unit))

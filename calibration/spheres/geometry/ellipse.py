@@ -117,6 +117,16 @@ def fit_circle(points_px: Float64, start: Ellipse | None = None) -> tuple[Ellips
     ------
     EstimateError
         If fewer than 3 points remain.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from calibration.spheres import fit_circle
+    >>> turn = np.linspace(0, np.pi, 40)
+    >>> points_px = np.stack([80 + 30 * np.cos(turn), 50 + 30 * np.sin(turn)], 1)
+    >>> circle, weights = fit_circle(points_px)
+    >>> round(circle.radius_px, 3)
+    30.0
     """
     circle = start or _least_median_circle(points_px)
     weights = tukey_weights(circle.distance_px(points_px), FINEST_PX)
@@ -153,6 +163,16 @@ def fit_ellipse(points_px: Float64, start: Ellipse | None = None) -> tuple[Ellip
     ------
     EstimateError
         If fewer than 5 points remain or they do not form an ellipse.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from calibration.spheres import fit_ellipse
+    >>> turn = np.linspace(0, 2 * np.pi, 60)
+    >>> points_px = np.stack([80 + 30 * np.cos(turn), 50 + 20 * np.sin(turn)], 1)
+    >>> ellipse, weights = fit_ellipse(points_px)
+    >>> sorted(round(axis, 3) for axis in ellipse.semi_axes_px)
+    [20.0, 30.0]
     """
     ellipse = start or _least_median_ellipse(points_px)
     weights = tukey_weights(ellipse.distance_px(points_px), FINEST_PX)

@@ -26,6 +26,13 @@ def orthographic_directions(outline: Ellipse, pixels: npt.ArrayLike) -> Float64:
     -------
     Array
         ``(..., 3)`` unit vectors in the house frame.
+
+    Examples
+    --------
+    >>> from calibration.spheres import Ellipse, orthographic_directions
+    >>> towards = orthographic_directions(Ellipse((50, 50), (20, 20)), [50, 50])
+    >>> towards.round(3) + 0.0  # a highlight in the centre: the light is at the camera
+    array([0., 0., 1.])
     """
     unit = outline.unit(pixels)
     x, y = unit[..., 0], -unit[..., 1]

@@ -12,6 +12,7 @@ from calibration.radiance.stack import Images
 from calibration.spheres.geometry.ellipse import Ellipse
 from calibration.spheres.highlights.blobs import MOST_BLOBS, Blob, bright_blobs, usual_size
 from calibration.spheres.highlights.spot import Spot
+from rig import short_repr
 from rig.arrays import Bool, Float32, Float64, Intp
 
 # A light 115 degrees away from the camera's axis appears at sin(115 / 2) = 0.84 of the radius.
@@ -62,6 +63,8 @@ class Candidates:
     share: Float64
     photon_px2: Float64 | None = None
 
+    __repr__ = short_repr
+
     @property
     def seen(self) -> Bool:
         """``(N,)`` whether there is any."""
@@ -97,6 +100,8 @@ class Highlights:
     several: Candidates | None = None
     unlike: tuple[int, ...] = ()
     photon_px2: Float64 | None = None
+
+    __repr__ = short_repr
 
     @property
     def candidates(self) -> Candidates:
@@ -193,6 +198,15 @@ def find_highlights(values: Images, outline: Ellipse) -> Highlights:
     Highlights
         Unsaturated peaks are located by an iterated Gaussian-weighted centroid, saturated peaks by
         the contours of their cores, which ignore rays and glare.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from calibration.spheres import Ellipse, find_highlights
+    >>> y, x = np.indices((80, 80))
+    >>> spot = np.exp(-((x - 45) ** 2 + (y - 35) ** 2) / 8)
+    >>> find_highlights(spot[None].astype(np.float32), Ellipse((40, 40), (30, 30))).pixels.round(1)
+    array([[45., 35.]])
     """
     # The windows of spots at the rim extend a little beyond 0.85 of the radius.
     reach = (_LARGEST_RADIUS + 0.05) * max(outline.semi_axes_px) + 4

@@ -63,6 +63,15 @@ def mask_outlines(mask: Bool | Floating) -> list[Float64]:
     -------
     list of Array
         One ``(M, 2)`` array of points (x, y) per region.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from calibration.spheres import mask_outlines
+    >>> y, x = np.indices((60, 60))
+    >>> (points,) = mask_outlines((x - 30) ** 2 + (y - 30) ** 2 < 20**2)
+    >>> points.mean(axis=0).round(1)
+    array([30., 30.])
     """
     level = np.asarray(mask, np.float64)
     _, regions, stats, _ = cv2.connectedComponentsWithStats((level > 0.5).astype(np.uint8))
