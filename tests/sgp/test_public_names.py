@@ -3,6 +3,7 @@
 import importlib
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -51,3 +52,11 @@ def test_a_namespace_is_an_attribute_of_its_package():
     code = "import processing; print(processing.surface.Jumps.__name__)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "Jumps"
+
+
+def test_every_namespace_is_documented():
+    page = Path(__file__).parents[2] / "docs/python.md"
+    rows = [line for line in page.read_text(encoding="utf-8").splitlines() if line[:3] == "| `"]
+    for place in NAMESPACES:
+        first = (importlib.import_module(place).__doc__ or "").splitlines()[0]
+        assert f"| `{place}` | {first.rstrip('.')} |" in rows
