@@ -125,6 +125,7 @@ class CoarseImages:
     factor: int
 
     def points(self, depth: Float64) -> Float64:
+        """Return the points at depths along the rays."""
         return np.asarray(self.origins + depth[..., None] * self.rays, np.float64)
 
 

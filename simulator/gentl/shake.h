@@ -1,4 +1,4 @@
-/* Camera shake: `simulator/camera/shake.py` in C. Change both together. */
+/* Camera shake: `simulator/camera/virtual_sensor.py` in C. Change both together. */
 #ifndef SHAKE_H
 #define SHAKE_H
 

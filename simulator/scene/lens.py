@@ -269,7 +269,8 @@ class Lens:
         if self.cfa is None:
             return None
         filters = np.array([_CFA_CHANNEL[letter] for letter in self.cfa], np.int64)
-        return filters[2 * (y_px % 2) + x_px % 2]
+        channels: Int64 = filters[2 * (y_px % 2) + x_px % 2]
+        return channels
 
     def circle_px(self, depth_mm: Float64) -> Float64:
         """Return the diameters of the circles of confusion of points at depths from the camera.
