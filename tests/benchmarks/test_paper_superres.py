@@ -20,7 +20,7 @@ from benchmarks.paper.superres_maps import smooth
 from processing import NormalMap
 from sgp.training.judgement import Judgement as Judged
 
-MODELS = Path(processing.__file__).parent / "_superres" / "models"
+MODELS = Path(processing.__file__).parent / "superres" / "models"
 
 
 def judgement(changes: dict[str, list[float]]) -> Judgement:

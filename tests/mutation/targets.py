@@ -159,11 +159,11 @@ TARGETS: dict[str, tuple[str, ...]] = {
     **{
         f"processing/noise/{name}.py": ("processing/test_normal_uncertainty.py",)
         for name in (
-            "judged_samples",
+            "sample_judgement",
             "light_table",
             "pixel_variances",
             "reference",
-            "reflectance_left",
+            "reflectance_residual",
             "reference_solver",
             "tangents",
         )

@@ -94,7 +94,7 @@ def test_unfinished_maps_of_others_are_refused(sgp, given, tmp_path, monkeypatch
         patched.setattr(BandStore, "complete", stop(KeyboardInterrupt(), 1))
         assert sgp(*command).code == 130
     with monkeypatch.context() as patched:
-        patched.setattr(_stored_normals.acquisition, "software_version", lambda: "0.0.1")
+        patched.setattr(_stored_normals.acquisition.files, "software_version", lambda: "0.0.1")
         line = sgp(*command).error_line(2)
     assert "differs in software version: " in line
     assert "--force" in line

@@ -180,6 +180,6 @@ def test_the_disk(examine, monkeypatch, free, state):
     ],
 )
 def test_the_memory(examine, monkeypatch, memory, state, message):
-    monkeypatch.setattr(doctor.rig, "memory_of_computer", lambda: memory)
+    monkeypatch.setattr(doctor.rig.processes, "memory_of_computer", lambda: memory)
     ((found, text),) = examine("memory")[1]
     assert (found, message in text) == (state, True)

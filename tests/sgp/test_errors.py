@@ -27,21 +27,3 @@ def test_an_error_is_a_builtin_with_its_message(room: str, name: str) -> None:
     assert isinstance(error, SgpError)
     assert str(error) == "where: what; what to do"
     assert str(pickle.loads(pickle.dumps(error))) == str(error)
-
-
-@pytest.mark.parametrize(
-    ("room", "name"),
-    [
-        ("calibration", "DataError"),
-        ("processing", "DataError"),
-        ("processing", "EstimateError"),
-        ("processing", "MissingPathError"),
-        ("simulator", "DataError"),
-        ("simulator", "RigError"),
-    ],
-)
-def test_a_room_exports_the_errors_that_it_raises(room: str, name: str) -> None:
-    homes = {"DataError": "acquisition", "EstimateError": "calibration"}
-    home = homes.get(name, "rig" if name == "RigError" else "acquisition")
-    exported = getattr(importlib.import_module(room), name)
-    assert exported is getattr(importlib.import_module(home), name)

@@ -49,11 +49,6 @@ def test_integration_reports_percent_of_the_digits_that_it_gains() -> None:
         (
             "transferring",
             5,
-            lambda report: processing.transfer(dome(), dome(), refine=2, on_progress=report),
-        ),
-        (
-            "transferring",
-            5,
             lambda report: processing.transfer_local(
                 dome(), dome(), target_mask=dome().normals[..., 0] > 0, on_progress=report
             ),
@@ -68,7 +63,7 @@ def test_integration_reports_percent_of_the_digits_that_it_gains() -> None:
             ),
         ),
     ],
-    ids=["filter", "guided filter", "transfer", "local transfer", "projection"],
+    ids=["filter", "guided filter", "local transfer", "projection"],
 )
 def test_long_functions_report_every_step_once(stage, steps, call) -> None:
     reported: list[tuple[str, int, int]] = []
@@ -140,18 +135,19 @@ def test_every_stage_of_a_run_is_shown_to_its_end(recording: Path, tmp_path, mon
     stages = stages_of(monkeypatch, call)
     expected = ["reading", "normals", "writing normals", "writing maps",
                 "hashing the inputs", "hashing the result", "detail", "writing shape",
-                "writing detail", "measuring the detail", "integrating", "writing meshes",
+                "writing detail", "integrating", "writing meshes",
                 "drawing"]  # fmt: skip
     assert set(stages) == set(expected)
     assert all(done == total for done, total in stages.values()), stages
 
 
-def test_a_transfer_shows_the_measurement_of_its_errors(tmp_path, monkeypatch) -> None:
+def test_a_transfer_is_shown_to_its_end(tmp_path, monkeypatch) -> None:
     processing.write_normals(tmp_path / "map", dome())
     place = str(tmp_path / "map")
     words = ["detail", "transfer", place, place, "--out", str(tmp_path / "out")]
     stages = stages_of(monkeypatch, lambda: run(build(words), words))
-    assert stages["measuring errors"] == (7, 7)
+    done, total = stages["transferring"]
+    assert done == total > 7
 
 
 def test_one_bar_is_shown_at_a_time(monkeypatch) -> None:

@@ -14,6 +14,7 @@ from rig import Notice, pluralize
 from rig.arrays import Float64, Intp
 
 # The brightest pixel of a black image, relative to that of the others: rounding leaves a little.
+_CODES: dict[str, str] = {"blank": "image-blank", "moved": "image-displaced"}
 _BLACK = 0.01
 # If a sphere moved on this share of all, camera or table moved.
 _ALL_MOVED = 0.5
@@ -50,14 +51,14 @@ class LostImages:
         return sorted({*self.black, *self.white, *self.moved})
 
     def reasons(self, names: Sequence[str]) -> list[tuple[str, Sequence[int], str]]:
-        """Return codes of notices, lights, and texts."""
+        """Return kinds of reasons (see `_CODES`), lights, and texts."""
         reasons: list[tuple[str, Sequence[int], str]] = []
         for which, what in ((self.black, "black"), (self.white, "completely saturated")):
             if which:
                 images = "the image is" if len(which) == 1 else "the images are"
-                reasons.append(("image-blank", which, f"{named(names, which)}: {images} {what}"))
+                reasons.append(("blank", which, f"{named(names, which)}: {images} {what}"))
         for k, text in self.moved.items():
-            reasons.append(("image-displaced", [k], f"{named(names, [k])}: {text}"))
+            reasons.append(("moved", [k], f"{named(names, [k])}: {text}"))
         return reasons
 
     def check(self, names: Sequence[str]) -> None:
@@ -169,10 +170,10 @@ def lost_lights(
         )
     notices = []
     for one, where in zip(lost, recordings, strict=True):
-        for code, lights, text in one.reasons(names):
+        for kind, lights, text in one.reasons(names):
             unused = _unused(names, lights, missing)
             again = _AGAIN.format(_it(lights))
-            notices.append(Notice(code, f"{text}; {unused}: {again}", where))
+            notices.append(Notice(_CODES[kind], f"{text}; {unused}: {again}", where))
     if unknown:
         text = (
             f"left out {named(names, unknown)}: no highlight on {on}: check that the light was on, "
