@@ -112,14 +112,13 @@ def bands(monkeypatch: pytest.MonkeyPatch) -> list[object]:
     done: list[object] = []
     complete = BandStore.complete
 
-    def noted(store: BandStore, rows: slice) -> None:
-        complete(store, rows)
-        done.append(rows)
+    def noted(store: BandStore, step: str, units: slice) -> None:
+        complete(store, step, units)
+        done.append((step, units))
 
     monkeypatch.setattr(BandStore, "complete", noted)
-    monkeypatch.setattr(
-        super_resolution_stage, "TILE_PX", 16
-    )  # the map is too small for several bands
+    # The map is too small for several bands.
+    monkeypatch.setattr(super_resolution_stage, "TILE_PX", 16)
     return done
 
 
