@@ -39,7 +39,7 @@ COMMANDS = {
     "run": f"run {COIN} --stl --height-sigma --triangles 900",
     "run of a mosaic": f"run {PAINTED} --discontinuity --filter guided --w 4",
     "run of 3 images": f"run {COIN} {FEW} --distant",
-    "run of 16-bit images": "run ../coin-images --pixel-mm .4",
+    "run of 16-bit images": "run ../coin-images --distant",
     "separate": "detail separate ../n",
     "separate by box": "detail separate ../n --filter box --order 1 --w 3",
     "separate by guided": "detail separate ../n --filter guided --w 4 --green-out down",
@@ -70,9 +70,8 @@ OF_HEIGHTS = {
                  "surface.ply", "surface.stl", "surface.json")
 } | {"stdout"}  # fmt: skip
 # Memory is a parameter, bands are announced, and the first command may compile kernels.
-OF_MEMORY = re.compile(
-    r', "memory"(: "\w+")?|.*(bands of rows|as a whole|blocks of \d+|compiling kernels).*'
-)
+OF_MEMORY = re.compile(r', "memory"(: "\w+")?')
+ANNOUNCED = re.compile(r"bands of rows|as a whole|blocks of \d+|compiling kernels")
 
 
 # The first test also makes the recordings.
@@ -137,7 +136,9 @@ def outcome(
         out, err = (revisions.stable(text) for text in (answer.out, answer.err))
         kept = {**revisions.state_of(place), "stdout": out, "stderr": err}
         return {
-            file: "\n".join(filter(None, OF_MEMORY.sub("", text).splitlines()))
+            file: "\n".join(
+                OF_MEMORY.sub("", line) for line in text.splitlines() if not ANNOUNCED.search(line)
+            )
             for file, text in kept.items()
         }
 
