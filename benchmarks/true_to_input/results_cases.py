@@ -49,7 +49,7 @@ def _sha256(path: Path) -> str:
 
 
 @contextlib.contextmanager
-def _after(module: ModuleType, name: str, change: Callable[[], object]) -> Iterator[None]:
+def _after(module: ModuleType | type, name: str, change: Callable[[], object]) -> Iterator[None]:
     """Call ``change`` once, when a function of a package has returned: its inputs were read."""
     function, pending = getattr(module, name), [change]
 
@@ -289,7 +289,7 @@ def _batch_raced(folder: Path) -> Outcome:
     import processing
 
     source = _recording(folder)
-    with _after(processing, "reconstruct", lambda: _replaced(source / "006.tif")):
+    with _after(processing.recording.NormalsStage, "run", lambda: _replaced(source / "006.tif")):
         first = _batch(folder, source)
     if first.code:
         second = _batch(folder, source)
@@ -397,7 +397,7 @@ def _late_worker(folder: Path) -> Outcome:
         states.append(perform(task))
         states.append(_sha256(task.out / "normals" / "normals.exr"))
 
-    with _after(processing, "reconstruct", sleep):
+    with _after(processing.recording.NormalsStage, "run", sleep):
         late = perform(task)
     same = _sha256(task.out / "normals" / "normals.exr") == states[1]
     record = (task.out / "summary.json").exists()

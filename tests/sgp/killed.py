@@ -84,7 +84,14 @@ class Unfinished:
             lines = (self._part / "journal.jsonl").read_bytes().split(b"\n")[:-1]
         except FileNotFoundError:
             return []
-        return [tuple(json.loads(line)) for line in lines]
+        done: list[tuple[int, int]] = []
+        begins: dict[str, int] = {}  # steps follow each other
+        for line in map(json.loads, lines):
+            if "units" in line:
+                begin = begins.setdefault(line["step"], max((last for _, last in done), default=0))
+                first, last = line["units"]
+                done.append((begin + first, begin + last))
+        return done
 
     def rows_filled(self) -> set[int]:
         """Return what the journal calls the rows of the unfinished map that contain a value."""

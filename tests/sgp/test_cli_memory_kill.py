@@ -23,7 +23,7 @@ MEMORY = "8M"
 NO_PROGRAM = """
 from processing.surface.blocks import surface_stage
 from processing.detail import separation as rows
-from processing import reconstruct as memory
+from processing.recording import pipeline as memory
 
 memory._FIXED = rows._FIXED = surface_stage._FIXED = surface_stage._PROGRAM = 0
 """
@@ -80,7 +80,9 @@ def test_superres(server: Server, tmp_path: Path) -> None:
     write_waves(tmp_path / "low", LOW)
     memory = f"{SuperResolutionStage.of(2, method='bicubic').need(LOW).least // 1024 + 1}K"
     command = ["detail", "superres", str(tmp_path / "low"), "--scale", "2", "--memory", memory]
-    found = Unfinished(tmp_path / "out", "superres", (2 * LOW[0], 2 * LOW[1], 3), "normals")
+    found = Unfinished(
+        tmp_path / "out", "superres", (2 * LOW[0], 2 * LOW[1], 3), "normals", units=LOW[0], rows=2
+    )
     check_killed(server, [*command, "--out"], found, tmp_path / "whole", kills=6, seed=11)
 
 
@@ -89,7 +91,7 @@ def test_separation(server: Server, tmp_path: Path) -> None:
     write_waves(tmp_path / "map", MAP)
     memory = f"{SeparationStage().need(MAP).least // 1024 + 300}K"
     command = ["detail", "separate", str(tmp_path / "map"), "--memory", memory, "--out"]
-    found = Unfinished(tmp_path / "out", "detail", (*MAP, 3), "shape")
+    found = Unfinished(tmp_path / "out", "detail", (*MAP, 3), "shape", units=2 * MAP[0])
     check_killed(server, command, found, tmp_path / "whole", kills=6, seed=12)
 
 
@@ -109,7 +111,7 @@ def test_transfer(server: Server, tmp_path: Path) -> None:
 
 # Sheets count as large: their least memory is more than such a small one needs in memory.
 LARGE_SHEETS = """
-from processing import synthesize as synthesis_memory
+from processing.synthesis import sheet_synthesis as synthesis_memory
 
 synthesis_memory._SHEET = 10_000
 """
