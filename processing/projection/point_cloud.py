@@ -18,6 +18,7 @@ from processing.projection.rasterize_kernels import BAND_ROWS, sort_into_bands
 from processing.projection.view import Raster
 from rig import Notice, Progress, in_threads, no_progress
 from rig.arrays import Bool, Float32, Float64, Int32, Int64, Intp
+from rig.kernels import PART
 
 # Smallest cosine between line of sight and normal that is used to intersect a disc: the
 # intersection of a grazing ray would be far away.
@@ -416,7 +417,7 @@ def _carry(normals: Float64, before: Int64, order: Int64) -> None:
                     normals[i, axis] = -normals[i, axis]
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _meet(
     dx: float, dy: float, ray_x: float, ray_y: float, nx: float, ny: float, nz: float
 ) -> tuple[float, float]:
@@ -430,7 +431,7 @@ def _meet(
     return t, x * x + y * y + t * t
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _bent(
     bend: Float64, x: float, y: float, z: float, nx: float, ny: float, nz: float
 ) -> tuple[float, float, float]:
