@@ -11,7 +11,7 @@ from calibration import EstimateError
 from processing.maps.normal_map import NormalMap, check_normal_map
 from processing.surface.anchors import anchors, doubts_of_prior, solve_anchored
 from processing.surface.chord_rule import ChordRule
-from processing.surface.consistency import SampledSteps, consistency_warning
+from processing.surface.consistency import angle_between_deg, consistency_warning, some_steps
 from processing.surface.edge_certainty import certainties, variances
 from processing.surface.grid_graph import divergence, label_parts
 from processing.surface.height_errors import Deviations, simulate_errors
@@ -21,7 +21,7 @@ from processing.surface.jumps import SHARPNESS, solve_with_jumps
 from processing.surface.multigrid import solve
 from processing.surface.normal_turns import evenness
 from processing.surface.prior import HeightPrior
-from processing.surface.scale import check_view, placed, scale_of
+from processing.surface.scale import check_view, nothing_faces, placed, scale_of
 from processing.surface.surface_notices import doubts_of_parts, doubts_of_solution
 from rig import Progress, no_progress
 from rig.arrays import Bool, Float32
@@ -136,7 +136,7 @@ def integrate(
     labels, count = label_parts(right, down)
     if count == 0:
         raise _nothing_to_integrate(inside, normal_map.size)
-    sampled = SampledSteps(right, down, step_right, step_down)
+    sampled = some_steps(right, down, step_right, step_down)
     held = None if prior is None else anchors(prior, labels, window, variance, scale)
     weights, factors = (right, down), None
     if relative is not None and weighted:
@@ -210,9 +210,8 @@ def integrate(
             on_progress=on_progress,
         ).placed(window, normal_map.size)
     isolated = int(np.count_nonzero(normal_map.mask & ~mask))
-    angle_deg = sampled.disagreement_deg(
-        solution.u, scale.step_px if scale.distance is None else -scale.step_px
-    )
+    slope = scale.step_px if scale.distance is None else -scale.step_px
+    angle_deg = angle_between_deg(slope * sampled.steps, slope * sampled.of(solution.u))
     notices = [
         *doubts_of_parts(parts, isolated, jumps, None if prior is None else prior.known),
         *doubts_of_solution(solution),
@@ -279,10 +278,7 @@ def _nothing_to_integrate(inside: Bool, size: tuple[int, int]) -> EstimateError:
             f"no two pixels of the normal map of {size[1]} x {size[0]} are neighbours, so there is "
             "nothing to integrate: use a larger map, or check its mask"
         )
-    return EstimateError(
-        "no two neighbouring pixels of the normal map face the camera, so there is nothing to "
-        "integrate: check the axes of the map (Z toward the camera) and its mask"
-    )
+    return nothing_faces()
 
 
 def _bounding_box(mask: Bool) -> tuple[slice, slice]:

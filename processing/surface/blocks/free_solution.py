@@ -9,10 +9,11 @@ import numpy as np
 from acquisition import CameraModel, MapRows
 from processing.surface.blocks.plan import Block
 from processing.surface.chord_rule import ChordRule
+from processing.surface.consistency import SomeSteps, some_steps
 from processing.surface.edge_certainty import certainties
 from processing.surface.grid_graph import divergence, label_parts
 from processing.surface.multigrid import Solution, solve
-from rig.arrays import Float32, Float64, Int32, Int64
+from rig.arrays import Float32, Float64, Int32
 
 
 class FreeSolution(NamedTuple):
@@ -27,7 +28,7 @@ class FreeSolution(NamedTuple):
     labels, part_count
         ``(h, W)`` part of each pixel, -1 without edges, and the number of parts.
     steps
-        Some steps that the normals demand.
+        Some steps between pixels of the core.
     solution
         What the solver reports.
     """
@@ -39,22 +40,6 @@ class FreeSolution(NamedTuple):
     part_count: int
     steps: SomeSteps
     solution: Solution
-
-
-class SomeSteps(NamedTuple):
-    """Steps between pixels of the core of a block.
-
-    Parameters
-    ----------
-    here, there
-        Flat numbers of the pixels in the core.
-    steps
-        The steps that the normals demand.
-    """
-
-    here: Int64
-    there: Int64
-    steps: Float64
 
 
 def solve_freely(
@@ -101,7 +86,9 @@ def solve_freely(
         leaving *= factors[1][len(down) - 2]
     down[-2] = 0
     labels, count = label_parts(right, down)
-    steps = _some(right, down, step_right, step_down, block, every)
+    first = block.inner.start + 1
+    core = np.s_[first : first + block.core.stop - block.core.start, 1:-1]
+    steps = some_steps(right[core], down[core], step_right[core], step_down[core], every)
     b = divergence(right, down, step_right, step_down)
     del step_right, step_down
     solution = solve(right, down, b)
@@ -110,18 +97,3 @@ def solve_freely(
     return FreeSolution(
         solution.u[inner], right[inner], down[inner], labels[inner], count, steps, solution
     )
-
-
-def _some(
-    right: Float32, down: Float32, step_right: Float64, step_down: Float64, block: Block, every: int
-) -> SomeSteps:
-    """Return some steps between pixels of the core."""
-    first = block.core.start - block.rows.start + 1
-    height, width = block.core.stop - block.core.start, right.shape[1] - 2
-    core = np.s_[first : first + height, 1:-1]
-    found = []
-    for weights, steps, offset in ((right, step_right, 1), (down, step_down, width)):
-        here = np.flatnonzero(weights[core])[::every]
-        here = here[here + offset < height * width]
-        found.append((here, here + offset, steps[core].ravel()[here]))
-    return SomeSteps(*(np.concatenate(each) for each in zip(*found, strict=True)))
