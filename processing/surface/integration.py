@@ -9,12 +9,13 @@ import numpy as np
 from acquisition import CameraModel, DataError, MapRows
 from calibration import EstimateError
 from processing.maps.normal_map import NormalMap, check_normal_map
+from processing.surface.alternation import Alternation
 from processing.surface.anchors import anchors, doubts_of_prior, solve_anchored
 from processing.surface.chord_rule import ChordRule
 from processing.surface.consistency import angle_between_deg, consistency_warning, some_steps
 from processing.surface.edge_certainty import certainties, variances
 from processing.surface.grid_graph import divergence, label_parts
-from processing.surface.height_errors import Deviations, simulate_errors
+from processing.surface.height_errors import simulate_errors
 from processing.surface.height_map import HeightMap
 from processing.surface.integrability_test import integrability
 from processing.surface.jumps import SHARPNESS, solve_with_jumps
@@ -121,7 +122,14 @@ def integrate(
     """
     check_normal_map("normal_map", normal_map)
     scale = scale_of(camera, pixel_mm)
-    _check(normal_map, camera, pixel_mm, k, depth_mm, prior)
+    if not (math.isfinite(k) and k > 0):
+        raise DataError(f"a sharpness k of {k} is not positive: 4 is a good value")
+    check_view(normal_map.mask, camera, pixel_mm, depth_mm)
+    if prior is not None and prior.height.shape != normal_map.size:
+        raise DataError(
+            f"a prior of shape {prior.height.shape} does not fit a normal map of shape "
+            f"{normal_map.size}"
+        )
     rows_of, variance = variances(sigma_deg, normal_map.mask)
     relative: Float32 | None = None if rows_of is None else rows_of[:]
     if height_errors and relative is None:
@@ -164,17 +172,9 @@ def integrate(
         solution = solve(*weights, b, on_progress=on_progress)
     del b
     if facing is not None and even is not None:
-        solution, jumps, weights = solve_with_jumps(
-            edges,
-            facing,
-            even,
-            k=k,
-            scale=scale.step_px,
-            factors=factors,
-            held=held,
-            start=None if held is None else solution.u,
-            on_progress=on_progress,
-        )
+        start = None if held is None else solution.u
+        problem = Alternation(edges, facing, k, scale.step_px, factors, held, start)
+        solution, jumps, weights = solve_with_jumps(problem, even, on_progress)
         jumps = jumps.placed(window, normal_map.size)
     parts = np.full(normal_map.size, -1, np.int32)
     parts[window] = labels[1:-1, 1:-1]
@@ -204,7 +204,8 @@ def integrate(
             weights,
             labels,
             factor=scale.pixel_size if depth is None else -depth[window],
-            deviations=Deviations.split(variance * relative[window], common),
+            variances=variance * relative[window],
+            common_deg=common,
             variance=variance,
             held=held,
             on_progress=on_progress,
@@ -251,25 +252,6 @@ def _common(common_sigma_deg: Float32 | float | None, size: tuple[int, int]) -> 
     if (given < 0).any() or np.isinf(given).any():
         raise DataError("common deviations of normals are negative or infinite: give degrees")
     return np.broadcast_to(np.nan_to_num(given), size)
-
-
-def _check(
-    normal_map: NormalMap,
-    camera: CameraModel | None,
-    pixel_mm: float | None,
-    k: float,
-    depth_mm: Float32 | None,
-    prior: HeightPrior | None,
-) -> None:
-    """Raise `DataError` if inputs do not fit."""
-    if not (math.isfinite(k) and k > 0):
-        raise DataError(f"a sharpness k of {k} is not positive: 4 is a good value")
-    check_view(normal_map.mask, camera, pixel_mm, depth_mm)
-    if prior is not None and prior.height.shape != normal_map.size:
-        raise DataError(
-            f"a prior of shape {prior.height.shape} does not fit a normal map of shape "
-            f"{normal_map.size}"
-        )
 
 
 def _nothing_to_integrate(inside: Bool, size: tuple[int, int]) -> EstimateError:
