@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple
 
@@ -45,22 +47,25 @@ def read_npy(path: Path, max_numbers: int) -> AnyArray:
         If the file is not an array of integers or floats, is too large, or its size differs from
         the size that its header declares.
     """
-    try:
+    with readable(path, "array of numbers"):
         return _array(read_bounded(path, MAX_BINARY_BYTES), max_numbers)
-    except FileNotFoundError as error:
-        raise MissingPathError(f"{path}: no such file") from error
-    except UnreadableError as error:
-        raise DataError(f"{path}: not a readable array of numbers: {error}") from error
 
 
 def npy_shape(path: Path) -> tuple[int, ...]:
     """Return the shape that the header of a file states; raises as `read_npy`."""
-    try:
+    with readable(path, "array of numbers"):
         return _header(read_head(path, _MOST_HEADER)[0]).shape
+
+
+@contextmanager
+def readable(path: Path, what: str) -> Iterator[None]:
+    """Turn errors of a bounded reader into those that readers of files declare, as `read_npy`."""
+    try:
+        yield
     except FileNotFoundError as error:
         raise MissingPathError(f"{path}: no such file") from error
     except UnreadableError as error:
-        raise DataError(f"{path}: not a readable array of numbers: {error}") from error
+        raise DataError(f"{path}: not a readable {what}: {error}") from error
 
 
 class _Header(NamedTuple):
