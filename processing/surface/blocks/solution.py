@@ -10,19 +10,16 @@ import numpy as np
 from acquisition import CameraModel, MapRows
 from acquisition.files import BandStore
 from processing.surface.blocks.block_files import BlockFiles, Record
-from processing.surface.blocks.block_solutions import OwnSolutions, Side
+from processing.surface.blocks.block_solutions import OwnSolutions
 from processing.surface.blocks.coarse import CoarseGrid
 from processing.surface.blocks.corrections import Rounds, bring_together
-from processing.surface.blocks.free_solution import FreeSolution, solve_freely
-from processing.surface.blocks.kernels import extremes, number_parts
-from processing.surface.blocks.local_parts import NO_MEETING, LocalParts, Meeting, meeting_of
+from processing.surface.blocks.free_solution import solve_freely
+from processing.surface.blocks.kernels import number_parts
+from processing.surface.blocks.local_parts import LocalParts, Meeting
 from processing.surface.blocks.plan import Blocks
 from processing.surface.multigrid import Solution
 from rig import Progress
 from rig.arrays import Bool, Float64, Int32, Int64
-
-# Steps that show whether the surface has the slopes of the normals, in each direction.
-_STEPS = 20_000
 
 
 class BlockSolution(NamedTuple):
@@ -107,13 +104,10 @@ def solve_in_blocks(
     count, total = 0, len(blocks.blocks)
     frees: list[Record] = []
     on_progress("integrating", 0, total)
-    for number, block in enumerate(blocks.blocks):
+    for number in range(total):
         free = files.record(f"free-{number}")
         if free is None:
-            every = max(1, height * width // _STEPS)
-            solved = solve_freely(normals, relative, block, camera, every)
-            free = _stored(files, number, solved, count)
-            del solved
+            free = solve_freely(normals, relative, camera, files, number, count)
         count += int(free["count"])
         frees.append(free)
         on_progress("integrating", number + 1, total)
@@ -148,31 +142,6 @@ def solve_in_blocks(
             float(worst["relative_residual"]),
             converged=bool(worst["converged"]),
         ),
-    )
-
-
-def _stored(files: BlockFiles, number: int, free: FreeSolution, before: int) -> Record:
-    """Write the solution of a block; ``before`` is the number of parts of the blocks above."""
-    core, shared = files.blocks.blocks[number].inner, 2 * files.blocks.halo
-    labels = np.where(free.labels >= 0, free.labels + np.int32(before), np.int32(-1))
-    files.write_weights(number, np.stack([free.right[core], free.down[core]], axis=1))
-    files.write(f"solution-{number}-0", free.u)
-    files.write(f"labels-{number}", labels)
-    meeting = NO_MEETING
-    if number:
-        rows = slice(-shared, None)
-        names = f"solution-{number - 1}-0", f"labels-{number - 1}"
-        upper = Side(*(files.read(name, rows) for name in names))
-        meeting = meeting_of(upper, Side(free.u[:shared], labels[:shared]))
-    return files.complete(
-        f"free-{number}",
-        count=free.part_count,
-        extremes=extremes(free.u[core], free.labels[core], free.part_count),
-        iterations=free.solution.iterations,
-        relative_residual=free.solution.relative_residual,
-        converged=free.solution.converged,
-        **meeting._asdict(),
-        **free.steps._asdict(),
     )
 
 
