@@ -16,9 +16,7 @@ from processing.stereo.frames import Frames
 from processing.stereo.image_noise import NoiseLaw, law_of_images
 from processing.stereo.light_model import LightModel
 from processing.stereo.method import Method
-from processing.stereo.solve import solve_maps
 from processing.stereo.stereo_maps import StereoMaps
-from rig import no_progress
 from rig.arrays import AnyArray, Bool, Float32, Float64, Floating
 
 _ROWS = 64
@@ -124,11 +122,7 @@ def solve_jointly(images: ColourImages, method: Method, law: Float32 | None) -> 
     values, mask, noise, model = images.values, images.mask, images.noise, images.model
     enough = _ENOUGH.get(method)
     samples, colours = _combined(images, enough)
-    first = StereoMaps.empty(mask.shape)
-    camera, rows_of_camera = images.camera, images.rows
-    solve_maps(
-        Frames(samples), model, mask, law, method, first, camera, no_progress, rows_of_camera
-    )
+    first = images.solved(samples, law, method)
     known = first.albedo > 0
     intensities = np.asarray(images.lights.intensities)
     for rows in _bands(mask):
@@ -139,10 +133,7 @@ def solve_jointly(images: ColourImages, method: Method, law: Float32 | None) -> 
     of_samples: NoiseLaw | Float32 | None = law
     if noise is not None:
         of_samples = NoiseLaw(JointNoise.of(noise, colours, values), samples.shape)
-    maps = StereoMaps.empty(mask.shape)
-    solve_maps(
-        Frames(samples), model, mask, of_samples, method, maps, camera, no_progress, rows_of_camera
-    )
+    maps = images.solved(samples, of_samples, method)
     scale = _ratio(maps.albedo, luma(colours)).astype(np.float32)
     solved = np.array([maps.albedo.any()])
     albedo = colours * scale[..., None]

@@ -21,7 +21,7 @@ from processing.stereo.light_model import LightModel
 from processing.stereo.method import Method
 from processing.stereo.solve import solve_maps
 from processing.stereo.stereo_maps import StereoMaps
-from rig import no_progress, short_repr
+from rig import no_progress
 from rig.arrays import Bool, Float32, Float64, Intp
 
 _STRENGTH_PIXELS = 250
@@ -152,23 +152,6 @@ def coarse_images(values: Images, mask: Bool, view: View) -> CoarseImages:
     return CoarseImages(averages, inside, small, *small.rays(), factor)
 
 
-@dataclass(frozen=True, eq=False)
-class CommonShift:
-    """The shift of all lights along Z with which images agree best.
-
-    Parameters
-    ----------
-    best_mm, sigma_mm
-        The shift and its standard deviation. It is a small part of the true one, because the
-        surface, which is bent under wrong lights, stays as it is.
-    """
-
-    best_mm: float
-    sigma_mm: float
-
-    __repr__ = short_repr
-
-
 def raised(lights: Lights, rise_mm: float) -> Lights:
     """Return lights with positions that are all higher."""
     return replace(
@@ -176,7 +159,7 @@ def raised(lights: Lights, rise_mm: float) -> Lights:
     )
 
 
-def common_shift(costs: Costs, lights: Lights, step_mm: float) -> CommonShift:
+def common_shift(costs: Costs, lights: Lights, step_mm: float) -> tuple[float, float]:
     """Estimate a shift of all lights together with a mean height, by one step of Newton.
 
     Parameters
@@ -187,6 +170,12 @@ def common_shift(costs: Costs, lights: Lights, step_mm: float) -> CommonShift:
         N lights with positions.
     step_mm
         Step of the differences.
+
+    Returns
+    -------
+    tuple
+        The shift along Z with which images agree best, and its standard deviation. It is a small
+        part of the true one, because the surface, which is bent under wrong lights, stays as it is.
     """
 
     def at(height: int, shift: int) -> Float64:
@@ -197,7 +186,7 @@ def common_shift(costs: Costs, lights: Lights, step_mm: float) -> CommonShift:
     by_height, by_shift = (np.sum(pair - 2 * here) for pair in (higher + lower, up + down))
     curvature = np.array([[by_height, mixed], [mixed, by_shift]]) / step_mm**2
     if not (by_height > 0 and np.linalg.det(curvature) > 0):
-        return CommonShift(0.0, np.inf)
+        return 0.0, np.inf
     inverse = np.linalg.inv(curvature)
     slopes = np.stack([higher - lower, up - down]) / (2 * step_mm)
     best = -inverse @ slopes.sum(axis=(1, 2))
@@ -208,7 +197,7 @@ def common_shift(costs: Costs, lights: Lights, step_mm: float) -> CommonShift:
         free = max(of_one.shape[1] - 4, 1) / of_one.shape[1]
         scatter = of_one - of_one.mean(axis=1, keepdims=True)
         variances.append(float((inverse @ (scatter @ scatter.T / free) @ inverse)[1, 1]))
-    return CommonShift(float(best[1]), float(np.sqrt(max(variances))))
+    return float(best[1]), float(np.sqrt(max(variances)))
 
 
 class MeanHeightSearch:
@@ -301,7 +290,7 @@ class MeanHeightSearch:
         """Return the mean height of the pixels that show it."""
         return self._view.distance_mm - float(depth.reshape(-1)[self._pixels].mean())
 
-    def common_shift(self, depth: Float64) -> CommonShift:
+    def common_shift(self, depth: Float64) -> tuple[float, float]:
         """Return what a shift of all lights would do, at the surface that was found."""
         shape, height = depth.reshape(-1)[self._pixels], self.mean_height(depth)
         return common_shift(
