@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final, Literal, NamedTuple
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -54,7 +54,7 @@ def read_npy(path: Path, max_numbers: int) -> AnyArray:
 def npy_shape(path: Path) -> tuple[int, ...]:
     """Return the shape that the header of a file states; raises as `read_npy`."""
     with readable(path, "array of numbers"):
-        return _header(read_head(path, _MOST_HEADER)[0]).shape
+        return _header(read_head(path, _MOST_HEADER)[0])[2]
 
 
 @contextmanager
@@ -68,14 +68,8 @@ def readable(path: Path, what: str) -> Iterator[None]:
         raise DataError(f"{path}: not a readable {what}: {error}") from error
 
 
-class _Header(NamedTuple):
-    dtype: np.dtype[Any]
-    order: Literal["C", "F"]
-    shape: tuple[int, ...]
-    end: int
-
-
-def _header(data: bytes) -> _Header:
+def _header(data: bytes) -> tuple[np.dtype[Any], Literal["C", "F"], tuple[int, ...], int]:
+    """Return type, order, shape and length of the header of a file."""
     version, width = data[6:7], 2 if data[6:7] == b"\x01" else 4
     if data[:6] != _MAGIC or version not in (b"\x01", b"\x02", b"\x03"):
         raise UnreadableError("the file does not begin with the header of a .npy file")
@@ -93,7 +87,7 @@ def _header(data: bytes) -> _Header:
         name = {"c": "complex", "b": "bool", "O": "object"}.get(kind[1], kind)
         raise UnreadableError(f"elements of type {name}")
     sides = tuple(int(side) for side in re.findall(r"[0-9]+", shape[1][:60]))
-    return _Header(np.dtype(kind), "F" if order[1] == "True" else "C", sides, end)
+    return np.dtype(kind), "F" if order[1] == "True" else "C", sides, end
 
 
 def _array(data: bytes, max_numbers: int) -> AnyArray:

@@ -94,7 +94,7 @@ def write_ptm(path: str | Path, image: RelightableImage) -> RelightableImage:
     tint = image.colour.reshape(-1, 3) if image.colour is not None else None
     made = ptm_bytes(functions, tint)
     blocks = list(made.samples.reshape(-1, height, width, 6)[..., _TO_FILE])
-    colour = made.colour.reshape(-1, height, width, 3)[0] if shared else None
+    blocks += list(made.colour.reshape(-1, height, width, 3)) if shared else []
     lines = [
         "PTM_1.2",
         "PTM_FORMAT_LRGB" if shared else "PTM_FORMAT_RGB",
@@ -104,15 +104,14 @@ def write_ptm(path: str | Path, image: RelightableImage) -> RelightableImage:
         " ".join(f"{round(bias)}" for bias in made.bias[_TO_FILE].tolist()),
     ]
     head = "".join(f"{line}\n" for line in lines).encode()
-    rows = [*blocks, *([] if colour is None else [colour])]
-    write_pieces(Path(path), [head, *(np.ascontiguousarray(b[::-1]).data for b in rows)])
+    write_pieces(Path(path), [head, *(np.ascontiguousarray(b[::-1]).data for b in blocks)])
     stored = made.samples.astype(np.float32)
     stored -= made.bias.astype(np.float32)
     stored *= made.scale.astype(np.float32)
     stored = stored.reshape(-1, height, width, 6)
-    if colour is None:
+    if not shared:
         return RelightableImage("ptm", np.moveaxis(stored, 0, -1))
-    return RelightableImage("ptm", stored[0], colour.astype(np.float32) / np.float32(_WHITE))
+    return RelightableImage("ptm", stored[0], blocks[-1].astype(np.float32) / np.float32(_WHITE))
 
 
 def read_ptm(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> RelightableImage:

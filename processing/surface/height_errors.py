@@ -175,16 +175,14 @@ class _Pairs:
             every = 1 + len(first) // _MOST_PAIRS
             self._pairs.append((distance, first[::every], second[::every]))
         self._squares = np.zeros(len(self._pairs))
-        self._samples = 0
 
     def add(self, error: Float64) -> None:
         """Add the errors of one sample."""
         flat = error.ravel()
-        self._samples += 1
         for i, (_, first, second) in enumerate(self._pairs):
             self._squares[i] += np.mean(np.square(flat[second] - flat[first]))
 
     def deviations(self) -> tuple[tuple[int, ...], tuple[float, ...]]:
-        """Return the distances and the deviations of the differences."""
-        found = np.sqrt(self._squares / max(self._samples, 1))
+        """Return the distances and the deviations of the differences, after all samples."""
+        found = np.sqrt(self._squares / _SAMPLES)
         return tuple(pair[0] for pair in self._pairs), tuple(map(float, found))
