@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 
+from acquisition.files import rows_in_bands
 from calibration import StackNoise
 from calibration.radiance import luma
 from processing.colour.channel_normals import ColourImages, ColourMaps
@@ -125,7 +125,7 @@ def solve_jointly(images: ColourImages, method: Method, law: Float32 | None) -> 
     first = images.solved(samples, law, method)
     known = first.albedo > 0
     intensities = np.asarray(images.lights.intensities)
-    for rows in _bands(mask):
+    for rows in rows_in_bands(len(mask), 1, _ROWS):
         lit = shading(model, first.normals, known, rows)
         found = _colours(values[:, rows], samples[:, rows], lit, first, rows)
         colours[rows] = np.where(known[rows, :, None], found, colours[rows])
@@ -146,14 +146,10 @@ def _combined(images: ColourImages, enough: int | None) -> tuple[Float32, Float3
     colours = np.zeros((*mask.shape, 3), np.float32)
     intensities = np.asarray(images.lights.intensities)
     samples = np.zeros(values.shape[:3], np.float32)
-    for rows in _bands(mask):
+    for rows in rows_in_bands(len(mask), 1, _ROWS):
         colours[rows] = _mean_colours(values[:, rows])
         _combine(values, rows, colours, None, images.noise, intensities, samples, enough)
     return samples, colours
-
-
-def _bands(mask: Bool) -> Iterator[slice]:
-    return (slice(top, top + _ROWS) for top in range(0, len(mask), _ROWS))
 
 
 def _mean_colours(values: Float32) -> Float64:

@@ -7,12 +7,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
-import cv2
 import numpy as np
 
 from acquisition import Lights
 from calibration import EstimateError
 from processing.checks.strength_fit import fit_strengths
+from processing.images.block_means import block_mean
 from processing.images.recorded_images import Images
 from processing.images.viewing_rays import View
 from processing.noise.reference_solver import correlation_of_neighbours
@@ -139,12 +139,9 @@ def coarse_images(values: Images, mask: Bool, view: View) -> CoarseImages:
         factor -= 1
     small = view.downscaled(factor) if factor > 1 else view
     if factor > 1:
-        size = (width, height)
-        averages = np.zeros((len(values), height, width), np.float32)
-        for image, out in zip(values, averages, strict=True):
-            part = image[: height * factor, : width * factor]
-            # Averages of whole blocks; NaN spreads to its block.
-            cv2.resize(part, size, dst=out, interpolation=cv2.INTER_AREA)
+        # Averages of whole blocks; NaN spreads to its block.
+        window = slice(height * factor), slice(width * factor)
+        averages = np.stack([block_mean(image[window], factor) for image in values])
     else:
         averages = values if isinstance(values, np.ndarray) else values.stack().values
     return CoarseImages(averages, inside, small, *small.rays(), factor)

@@ -220,12 +220,6 @@ def test_painted_backgrounds_are_outside(tmp_path, background):
     assert np.array_equal(read_normals(tmp_path / "n.png").normal_map.mask, cap.mask)
 
 
-def test_green_down_inverts_y(tmp_path):
-    cap = _cap()
-    np.save(tmp_path / "n.npy", cap.normals * np.float32([1, -1, 1]))
-    assert _worst_deg(read_normals(tmp_path / "n.npy", green="down").normal_map, cap) < 1e-5
-
-
 def test_a_mask_in_the_folder_and_a_named_mask(tmp_path):
     cap = _cap()
     in_folder, named = cap.mask.copy(), cap.mask.copy()
