@@ -380,7 +380,8 @@ class _Run:
             result, surface = integrated(
                 given, self.given.surfaces, self.way, place, force=self.force
             )
-            self.maps = {"height": surface.height}
+            if self.store is None:
+                self.maps = {"height": surface.height}
             return result
 
         return self._keep("surface", self._written("surface", write))
