@@ -269,10 +269,9 @@ def _shots(source: Source, record: RecordingNotes | None) -> list[PlannedShot]:
     frames = source.frames
     if record is not None:
         noted = {frame.file: frame for frame in record.frames}
-        listed = [noted[frame.path.name] for frame in frames]
         return [
             PlannedShot(shot.role, shot.led, shot.bracket, shot.repeat, shot.exposure_us)
-            for shot in listed
+            for shot in (noted[frame.path.name] for frame in frames)
         ]
     lit = [frame for frame in frames if frame.role == "light"]
     leds = list(range(len(lit)))

@@ -278,9 +278,7 @@ class ImageRows:
             self._image = opened.enter_context(opened_image(self.path, max_pixels))
             check_png_file(self.path)
             self._opened = opened.pop_all()
-        spec = self._image.spec
-        size = (spec.height, spec.width)
-        self.shape: tuple[int, ...] = size if len(self._image.channels) == 1 else (*size, 3)
+        self.shape = self._image.shape
         self.dtype = np.dtype(self._image.dtype)
 
     def __len__(self) -> int:
