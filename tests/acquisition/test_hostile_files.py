@@ -28,6 +28,7 @@ from acquisition.pixels import image_facts
 from acquisition.pixels.image_head import check_image_head, kind_of
 from acquisition.value_files.mat5 import read_mat5
 from rig import UnreadableError
+from tests.cases import cases
 
 GREY = np.arange(48, dtype=np.uint16).reshape(6, 8)
 
@@ -222,16 +223,16 @@ def test_plans(tmp_path: Path, text: str, said: str) -> None:
     assert len(str(caught.value)) < 1000
 
 
-@pytest.mark.parametrize(
+@cases(
     ("name", "text", "said"),
-    [
-        pytest.param("a.lp", "9" * 5000 + "\na 0 0 1\n", "light follows", id="lp count"),
-        pytest.param("a.lp", "1\na 0 0 " + "9" * 5000 + "\n", "5006 characters", id="lp digits"),
-        pytest.param("a.txt", "0 0 1\n0 0 1e200\n", "larger than 1e", id="far"),
-        pytest.param("a.txt", "0 0 1\n" * 100_002, "at most", id="lines"),
-        pytest.param("a.json", "[" * 50_000, "nested", id="json nested"),
-        pytest.param("a.json", '{"version": ' + "9" * 5000, "digits", id="json digits"),
-    ],
+    {
+        "lp count": ("a.lp", "9" * 5000 + "\na 0 0 1\n", "light follows"),
+        "lp digits": ("a.lp", "1\na 0 0 " + "9" * 5000 + "\n", "5006 characters"),
+        "far": ("a.txt", "0 0 1\n0 0 1e200\n", "larger than 1e"),
+        "lines": ("a.txt", "0 0 1\n" * 100_002, "at most"),
+        "json nested": ("a.json", "[" * 50_000, "nested"),
+        "json digits": ("a.json", '{"version": ' + "9" * 5000, "digits"),
+    },
 )
 def test_lights(tmp_path: Path, name: str, text: str, said: str) -> None:
     path = tmp_path / name
@@ -256,17 +257,15 @@ XML_MATRIX = (
 )
 
 
-@pytest.mark.parametrize(
+@cases(
     ("name", "text"),
-    [
-        pytest.param("c.yml", HEAD + MATRIX, id="yaml"),
-        pytest.param("c.xml", XML.format(XML_MATRIX), id="xml"),
-        pytest.param("c.yml", HEAD + "more:\n   - { a: [1, 2] }\n   - x\n" + MATRIX, id="others"),
-        pytest.param(
-            "c.yml", HEAD + MATRIX.replace("0., 9., 1.,", "0.,\n       9., 1.,"), id="two lines"
-        ),
-        pytest.param("c.xml", XML.format(f"<more><a><b>1</b></a></more>{XML_MATRIX}"), id="more"),
-    ],
+    {
+        "yaml": ("c.yml", HEAD + MATRIX),
+        "xml": ("c.xml", XML.format(XML_MATRIX)),
+        "others": ("c.yml", HEAD + "more:\n   - { a: [1, 2] }\n   - x\n" + MATRIX),
+        "two lines": ("c.yml", HEAD + MATRIX.replace("0., 9., 1.,", "0.,\n       9., 1.,")),
+        "more": ("c.xml", XML.format(f"<more><a><b>1</b></a></more>{XML_MATRIX}")),
+    },
 )
 def test_camera_files_of_opencv(tmp_path: Path, name: str, text: str) -> None:
     path = tmp_path / name
@@ -278,23 +277,21 @@ def test_camera_files_of_opencv(tmp_path: Path, name: str, text: str) -> None:
     assert camera.size == (48, 64)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("name", "text", "said"),
-    [
-        pytest.param("c.xml", XML.format("<a>" * 30_000), "nested", id="xml nested"),
-        pytest.param("c.xml", XML.format("<a>"), "not an OpenCV camera file", id="xml not closed"),
-        pytest.param(
-            "c.xml", "<!DOCTYPE a [<!ENTITY b 'c'>]>" + XML.format("&b;"), "document", id="entities"
-        ),
-        pytest.param("c.yml", HEAD + "a: " + "[" * 30_000, "camera_matrix", id="yaml brackets"),
-        pytest.param("c.yml", HEAD + "- " * 30_000, "not an OpenCV camera file", id="yaml dashes"),
-        pytest.param("c.yml", HEAD + MATRIX.replace(" ]", ""), "no closing bracket", id="cut"),
-        pytest.param("c.yml", HEAD + MATRIX.replace(", 1. ]", " ]"), "3 x 3", id="eight"),
-        pytest.param("c.yml", HEAD + MATRIX.replace("rows: 3", "rows: 1e9"), "numbers", id="rows"),
-        pytest.param("c.yml", HEAD + MATRIX.replace("9.", "x"), "3 x 3 numbers", id="words"),
-        pytest.param("c.yml", HEAD + "camera_matrix: 5\n", "not a matrix", id="no matrix"),
-        pytest.param("c.yml", HEAD.replace("64", "9" * 400) + MATRIX, "no image size", id="width"),
-    ],
+    {
+        "xml nested": ("c.xml", XML.format("<a>" * 30_000), "nested"),
+        "xml not closed": ("c.xml", XML.format("<a>"), "not an OpenCV camera file"),
+        "entities": ("c.xml", "<!DOCTYPE a [<!ENTITY b 'c'>]>" + XML.format("&b;"), "document"),
+        "yaml brackets": ("c.yml", HEAD + "a: " + "[" * 30_000, "camera_matrix"),
+        "yaml dashes": ("c.yml", HEAD + "- " * 30_000, "not an OpenCV camera file"),
+        "cut": ("c.yml", HEAD + MATRIX.replace(" ]", ""), "no closing bracket"),
+        "eight": ("c.yml", HEAD + MATRIX.replace(", 1. ]", " ]"), "3 x 3"),
+        "rows": ("c.yml", HEAD + MATRIX.replace("rows: 3", "rows: 1e9"), "numbers"),
+        "words": ("c.yml", HEAD + MATRIX.replace("9.", "x"), "3 x 3 numbers"),
+        "no matrix": ("c.yml", HEAD + "camera_matrix: 5\n", "not a matrix"),
+        "width": ("c.yml", HEAD.replace("64", "9" * 400) + MATRIX, "no image size"),
+    },
 )
 def test_damaged_camera_files_of_opencv(tmp_path: Path, name: str, text: str, said: str) -> None:
     """OpenCV's own reader crashes the process on deep nesting."""

@@ -14,6 +14,7 @@ import pytest
 from acquisition import read_image
 from acquisition.pixels import image_facts, read_image_with_alpha
 from tests.acquisition.image_bytes import BIG, RGB, RGB16, by_library, chunk, png, tga
+from tests.cases import cases
 
 DATA = os.environ.get("SGP_DATA")
 
@@ -36,52 +37,38 @@ INDEXED = np.array([[255, 0, 0], [0, 255, 0], [1, 2, 3], [9, 9, 9]], np.uint8)
 BGRA_UP = RGBA[::-1, :, [2, 1, 0, 3]]
 
 
-@pytest.mark.parametrize(
+@cases(
     ("name", "data", "expected"),
-    [
-        pytest.param("a.png", png(RGB.reshape(4, -1), 8, 2), RGB, id="png RGB 8"),
-        pytest.param("a.png", png(BIG, 16, 2), RGB16, id="png RGB 16 is big-endian"),
-        pytest.param("a.png", png(RGB[..., 0], 8, 0), RGB[..., 0], id="png grey"),
-        pytest.param(
-            "a.png", png(GREY_ALPHA.reshape(4, -1), 8, 4), RGB[..., 0], id="png grey, alpha dropped"
-        ),
-        pytest.param(
-            "a.png", png(RGBA.reshape(4, -1), 8, 6), RGB, id="png RGB not multiplied by alpha"
-        ),
-        pytest.param(
+    {
+        "png RGB 8": ("a.png", png(RGB.reshape(4, -1), 8, 2), RGB),
+        "png RGB 16 is big-endian": ("a.png", png(BIG, 16, 2), RGB16),
+        "png grey": ("a.png", png(RGB[..., 0], 8, 0), RGB[..., 0]),
+        "png grey, alpha dropped": ("a.png", png(GREY_ALPHA.reshape(4, -1), 8, 4), RGB[..., 0]),
+        "png RGB not multiplied by alpha": ("a.png", png(RGBA.reshape(4, -1), 8, 6), RGB),
+        "png palette of 2 bits": (
             "a.png",
             png(np.array([[0b00011011]], np.uint8), 2, 3, PALETTE),
             INDEXED[None],
-            id="png palette of 2 bits",
         ),
-        pytest.param(
+        "png of 1 bit": (
             "a.png",
             png(np.array([[0b10100000]], np.uint8), 1, 0),
             np.array([[255, 0, 255, 0, 0, 0, 0, 0]], np.uint8),
-            id="png of 1 bit",
         ),
-        pytest.param(
+        "png gamma chunk is not applied": (
             "a.png",
             png(RGB.reshape(4, -1), 8, 2, chunk(b"gAMA", struct.pack(">I", 45455))),
             RGB,
-            id="png gamma chunk is not applied",
         ),
-        pytest.param(
-            "a.png", png(RGB.reshape(4, -1), 8, 2) + b"trailing", RGB, id="png with bytes after it"
-        ),
-        pytest.param("a.tga", tga(RGB[::-1, :, ::-1], 0), RGB, id="tga bottom up, BGR"),
-        pytest.param("a.tga", tga(RGB[:, :, ::-1], 0x20), RGB, id="tga top down"),
-        pytest.param("a.tga", tga(BGRA_UP, 8), RGB, id="tga alpha dropped"),
-        pytest.param("a.tga", tga(RGB[::-1, :, 1], 0), RGB[..., 1], id="tga grey"),
-        pytest.param(
-            "a.ppm",
-            b"P6 5 4 65535\n" + RGB16.astype(">u2").tobytes(),
-            RGB16,
-            id="ppm of 16 bits",
-        ),
-        pytest.param("a.pgm", b"P5 5 4 255\n" + RGB[..., 2].tobytes(), RGB[..., 2], id="pgm"),
-        pytest.param("a.jpg", png(RGB.reshape(4, -1), 8, 2), RGB, id="content wins over the name"),
-    ],
+        "png with bytes after it": ("a.png", png(RGB.reshape(4, -1), 8, 2) + b"trailing", RGB),
+        "tga bottom up, BGR": ("a.tga", tga(RGB[::-1, :, ::-1], 0), RGB),
+        "tga top down": ("a.tga", tga(RGB[:, :, ::-1], 0x20), RGB),
+        "tga alpha dropped": ("a.tga", tga(BGRA_UP, 8), RGB),
+        "tga grey": ("a.tga", tga(RGB[::-1, :, 1], 0), RGB[..., 1]),
+        "ppm of 16 bits": ("a.ppm", b"P6 5 4 65535\n" + RGB16.astype(">u2").tobytes(), RGB16),
+        "pgm": ("a.pgm", b"P5 5 4 255\n" + RGB[..., 2].tobytes(), RGB[..., 2]),
+        "content wins over the name": ("a.jpg", png(RGB.reshape(4, -1), 8, 2), RGB),
+    },
 )
 def test_hand_made_files(tmp_path: Path, name: str, data: bytes, expected: np.ndarray) -> None:
     path = tmp_path / name
@@ -94,13 +81,13 @@ def test_hand_made_files(tmp_path: Path, name: str, data: bytes, expected: np.nd
     assert (form.shape, form.dtype) == (expected.shape, expected.dtype)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("data", "expected"),
-    [
-        pytest.param(png(RGBA.reshape(4, -1), 8, 6), RGBA[..., 3], id="png RGB"),
-        pytest.param(png(GREY_ALPHA.reshape(4, -1), 8, 4), GREY_ALPHA[..., 1], id="png grey"),
-        pytest.param(png(RGB.reshape(4, -1), 8, 2), None, id="none"),
-    ],
+    {
+        "png RGB": (png(RGBA.reshape(4, -1), 8, 6), RGBA[..., 3]),
+        "png grey": (png(GREY_ALPHA.reshape(4, -1), 8, 4), GREY_ALPHA[..., 1]),
+        "none": (png(RGB.reshape(4, -1), 8, 2), None),
+    },
 )
 def test_alpha_is_returned_with_the_colours(
     tmp_path: Path, data: bytes, expected: np.ndarray | None

@@ -18,6 +18,7 @@ from acquisition import DataError, MissingPathError
 from acquisition.mesh_files import MeshFile, read_mesh_file
 from acquisition.mesh_files.ply import read_ply
 from rig import UnreadableError
+from tests.cases import cases
 
 POINTS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float64)
 FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
@@ -164,36 +165,31 @@ WHOLE = f"element vertex 4\n{XYZ}element face 4\nproperty list uchar int vertex_
 ROWS = text(POINTS) + text(np.insert(FACES, 0, 3, axis=1))
 
 
-@pytest.mark.parametrize(
+@cases(
     ("elements", "body", "said"),
-    [
-        pytest.param(
+    {
+        "fewer vertices": (
             WHOLE.replace("vertex 4", "vertex 9"),
             ROWS,
             r"list|not an integer|truncated",
-            id="fewer vertices",
         ),
-        pytest.param(WHOLE.replace("face 4", "face 999999999"), ROWS, "truncated", id="huge count"),
-        pytest.param(WHOLE.replace("face 4", "face " + "9" * 5000), ROWS, "header", id="digits"),
-        pytest.param(WHOLE.replace("face 4", "face -4"), ROWS, "header", id="negative count"),
-        pytest.param(WHOLE.replace("float x", "float w"), ROWS, "x, y and z", id="no x"),
-        pytest.param(WHOLE.replace("float y", "float x"), ROWS, "two properties", id="x twice"),
-        pytest.param(WHOLE.replace("float", "half"), ROWS, "line 5 of its header", id="type"),
-        pytest.param(WHOLE.replace("uchar int", "float int"), ROWS, "header", id="float lengths"),
-        pytest.param(
-            WHOLE.replace("uchar int", "uchar float"), ROWS, "list of integers", id="floats"
-        ),
-        pytest.param(WHOLE, ROWS[:-9], "truncated", id="cut"),
-        pytest.param(
-            WHOLE, ROWS.replace("3 0 2 1", "3 0 2.5 1"), "not an integer", id="half a vertex"
-        ),
-        pytest.param(WHOLE, ROWS.replace("3 0 2 1", "-3 0 2 1"), "damaged", id="negative length"),
-        pytest.param(WHOLE, ROWS.replace("3 0 2 1", "nan 0 2 1"), "damaged", id="NaN length"),
-        pytest.param(WHOLE, ROWS.replace("3 0 2 1", "3 0 x 1"), "not a number", id="words"),
-        pytest.param(WHOLE.replace("face", "trifans"), ROWS, "trifans elements", id="fans"),
-        pytest.param("", "", "vertex", id="no element"),
-        pytest.param(XYZ, "", "header", id="property without element"),
-    ],
+        "huge count": (WHOLE.replace("face 4", "face 999999999"), ROWS, "truncated"),
+        "digits": (WHOLE.replace("face 4", "face " + "9" * 5000), ROWS, "header"),
+        "negative count": (WHOLE.replace("face 4", "face -4"), ROWS, "header"),
+        "no x": (WHOLE.replace("float x", "float w"), ROWS, "x, y and z"),
+        "x twice": (WHOLE.replace("float y", "float x"), ROWS, "two properties"),
+        "type": (WHOLE.replace("float", "half"), ROWS, "line 5 of its header"),
+        "float lengths": (WHOLE.replace("uchar int", "float int"), ROWS, "header"),
+        "floats": (WHOLE.replace("uchar int", "uchar float"), ROWS, "list of integers"),
+        "cut": (WHOLE, ROWS[:-9], "truncated"),
+        "half a vertex": (WHOLE, ROWS.replace("3 0 2 1", "3 0 2.5 1"), "not an integer"),
+        "negative length": (WHOLE, ROWS.replace("3 0 2 1", "-3 0 2 1"), "damaged"),
+        "NaN length": (WHOLE, ROWS.replace("3 0 2 1", "nan 0 2 1"), "damaged"),
+        "words": (WHOLE, ROWS.replace("3 0 2 1", "3 0 x 1"), "not a number"),
+        "fans": (WHOLE.replace("face", "trifans"), ROWS, "trifans elements"),
+        "no element": ("", "", "vertex"),
+        "property without element": (XYZ, "", "header"),
+    },
 )
 def test_damaged_ply(tmp_path: Path, elements: str, body: str, said: str) -> None:
     path = tmp_path / "a.ply"
@@ -475,16 +471,16 @@ def test_a_vertex_of_an_obj_with_two_normals_is_there_twice(tmp_path: Path) -> N
     assert np.isnan(mesh.normals[mesh.faces][1, 2]).all()
 
 
-@pytest.mark.parametrize(
+@cases(
     ("lines", "expected"),
-    [
-        pytest.param("0,5 1,25 2,0\n", [0.5, 1.25, 2], id="decimal commas"),
-        pytest.param("0,5;1,25;2,0\n", [0.5, 1.25, 2], id="semicolons"),
-        pytest.param("1,2,3\n", [1, 2, 3], id="commas"),
-        pytest.param("1, 2, 3\n", [1, 2, 3], id="commas and spaces"),
-        pytest.param("1.5, 2, 3\n", [1.5, 2, 3], id="commas and points"),
-        pytest.param("1,50,2,05,3,00\n", "commas that may be decimal", id="ambiguous"),
-    ],
+    {
+        "decimal commas": ("0,5 1,25 2,0\n", [0.5, 1.25, 2]),
+        "semicolons": ("0,5;1,25;2,0\n", [0.5, 1.25, 2]),
+        "commas": ("1,2,3\n", [1, 2, 3]),
+        "commas and spaces": ("1, 2, 3\n", [1, 2, 3]),
+        "commas and points": ("1.5, 2, 3\n", [1.5, 2, 3]),
+        "ambiguous": ("1,50,2,05,3,00\n", "commas that may be decimal"),
+    },
 )
 def test_commas_in_xyz(tmp_path: Path, lines: str, expected: list[float] | str) -> None:
     (tmp_path / "a.xyz").write_text(lines)

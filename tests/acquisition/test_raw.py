@@ -27,6 +27,7 @@ from acquisition.pixels import image_facts, read_raw
 from acquisition.values.image_names import is_raw
 from rig.arrays import Int64
 from tests.acquisition.dng_file import SHORT, SRATIONAL, Tag, dng, tag
+from tests.cases import cases
 
 DATA = os.environ.get("SGP_DATA")
 needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of real data")
@@ -49,14 +50,14 @@ def test_margins_orientation_and_levels_of_each_colour(tmp_path: Path) -> None:
     assert raw.taken == datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("numbers", "cfa"),
-    [
-        pytest.param((0, 1, 1, 2), "RGGB", id="RGGB"),
-        pytest.param((2, 1, 1, 0), "BGGR", id="BGGR"),
-        pytest.param((1, 0, 2, 1), "GRBG", id="GRBG"),
-        pytest.param((1, 2, 0, 1), "GBRG", id="GBRG"),
-    ],
+    {
+        "RGGB": ((0, 1, 1, 2), "RGGB"),
+        "BGGR": ((2, 1, 1, 0), "BGGR"),
+        "GRBG": ((1, 0, 2, 1), "GRBG"),
+        "GBRG": ((1, 2, 0, 1), "GBRG"),
+    },
 )
 def test_every_mosaic_is_named_from_the_top_left(
     tmp_path: Path, numbers: tuple[int, int, int, int], cfa: str
@@ -105,14 +106,14 @@ def test_raw_files_become_a_session_with_all_their_metadata(tmp_path: Path) -> N
     assert (again.cfa, again.black_level, again.white_level) == ("RGGB", 65, 4200)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("change", "said"),
-    [
-        pytest.param({"white": 4000}, "white level 4000", id="white"),
-        pytest.param({"black": (99, 99, 99, 99)}, "black level 99", id="black"),
-        pytest.param({"cfa": (2, 1, 1, 0)}, "colour filter BGGR", id="mosaic"),
-        pytest.param({"active": (0, 0, 38, 58)}, r"pixels \(38, 58\)", id="size"),
-    ],
+    {
+        "white": ({"white": 4000}, "white level 4000"),
+        "black": ({"black": (99, 99, 99, 99)}, "black level 99"),
+        "mosaic": ({"cfa": (2, 1, 1, 0)}, "colour filter BGGR"),
+        "size": ({"active": (0, 0, 38, 58)}, r"pixels \(38, 58\)"),
+    },
 )
 def test_a_raw_file_with_other_camera_settings_is_refused(
     tmp_path: Path, change: dict[str, Any], said: str
@@ -212,20 +213,18 @@ def test_a_camera_without_a_colour_filter_is_read_watched_and_imported(tmp_path:
         np.testing.assert_array_equal(session.frames[2].read(), SENSOR + 2)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("other", "said"),
-    [
-        pytest.param([tag(339, SHORT, (3,))], "floating-point", id="float"),
-        pytest.param([tag(259, SHORT, (8,))], "Deflate", id="codec"),
-        pytest.param([tag(50711, SHORT, (2,))], "CFALayout", id="staggered"),
-        pytest.param([tag(50713, SHORT, (3, 3))], "BlackLevel has 4 values", id="table"),
-        pytest.param([tag(50713, SHORT, (2,))], "BlackLevel", id="table without columns"),
-        pytest.param([ramp(np.arange(9))], "BlackLevelDeltaV has 9", id="short ramp"),
-        pytest.param([tag(33421, SHORT, (0, 4))], "CFAPattern", id="filter"),
-        pytest.param(
-            [tag(50716, SRATIONAL, (1, 0) * 40)], "black levels .* damaged", id="not a number"
-        ),
-    ],
+    {
+        "float": ([tag(339, SHORT, (3,))], "floating-point"),
+        "codec": ([tag(259, SHORT, (8,))], "Deflate"),
+        "staggered": ([tag(50711, SHORT, (2,))], "CFALayout"),
+        "table": ([tag(50713, SHORT, (3, 3))], "BlackLevel has 4 values"),
+        "table without columns": ([tag(50713, SHORT, (2,))], "BlackLevel"),
+        "short ramp": ([ramp(np.arange(9))], "BlackLevelDeltaV has 9"),
+        "filter": ([tag(33421, SHORT, (0, 4))], "CFAPattern"),
+        "not a number": ([tag(50716, SRATIONAL, (1, 0) * 40)], "black levels .* damaged"),
+    },
 )
 def test_what_cannot_be_read_as_stated_is_refused(
     tmp_path: Path, other: list[Tag], said: str
@@ -236,13 +235,13 @@ def test_what_cannot_be_read_as_stated_is_refused(
         read_raw(path)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("stated", "block"),
-    [
-        pytest.param((3000, 4000, 3500), [[3000, 4000], [4000, 3500]], id="of colours"),
-        pytest.param((3000, 4000, 3900, 3500), [[3000, 4000], [3900, 3500]], id="of positions"),
-        pytest.param((3000, 4000), [[3000, 3000], [3000, 3000]], id="unclear"),
-    ],
+    {
+        "of colours": ((3000, 4000, 3500), [[3000, 4000], [4000, 3500]]),
+        "of positions": ((3000, 4000, 3900, 3500), [[3000, 4000], [3900, 3500]]),
+        "unclear": ((3000, 4000), [[3000, 3000], [3000, 3000]]),
+    },
 )
 def test_white_levels_of_colours_are_used(
     tmp_path: Path, stated: tuple[int, ...], block: list[list[int]]
