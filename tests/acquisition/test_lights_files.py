@@ -107,41 +107,6 @@ def changed(**changes: object) -> str:
 
 
 @cases(
-    ("text", "match"),
-    {
-        "empty": ("", "JSON"),
-        "cut short": ("{", "JSON"),
-        "a list": ("[]", "valid dictionary|object"),
-        "version": (
-            changed().replace('"version": 1', '"version": 3'),
-            "version 3 of sgp-lights is unknown, this program reads 1 and 2",
-        ),
-        "no version": (changed().replace('"version": 1', '"version": true'), "True"),
-        "format": (changed().replace("sgp-lights", "lights"), "format"),
-        "unknown key": (changed(colour="red"), "unknown key 'lights.1.colour'"),
-        "zero": (changed(position_mm=[0, 0, 0]), "light L00 is a zero vector"),
-        "NaN": (changed(position_mm=[0, 0, 1e999]).replace("Infinity", "NaN"), "lights.1"),
-        "text": (changed(position_mm=[0, "x", 1]), "lights.1.position_mm.1"),
-        "two numbers": (changed(position_mm=[0, 1]), "lights.1.position_mm"),
-        "no vector": (changed(position_mm=None), "either direction or"),
-        "both vectors": (changed(direction=[0, 0, 1]), "either direction or"),
-        "mixed": (changed(position_mm=None, direction=[0, 0, 1]), "L00 differs in kind"),
-        "one axis missing": (changed(axis=None), "L00 differs .* give all lights an axis"),
-        "same id": (changed(id="L01"), "L01 is listed twice"),
-        "no light": (changed(intensity=[1, 0, 1]), "L00 has an intensity"),
-        "negative mu": (changed(mu=-1), "lights.1.mu"),
-        "none": ('{"format": "sgp-lights", "version": 1, "lights": []}', "lights"),
-    },
-)
-def test_lights_json_refused(tmp_path: Path, text: str, match: str) -> None:
-    path = put(tmp_path / "lights.json", text)
-    with pytest.raises(DataError, match=match) as caught:
-        read_lights(path)
-    assert str(caught.value).startswith(str(path))
-    assert "\n" not in str(caught.value)
-
-
-@cases(
     ("content", "names", "vectors"),
     {
         "plain": (
@@ -175,29 +140,6 @@ def test_lp_files_of_other_programs(
     np.testing.assert_allclose(lights.directions, vectors, atol=1e-15)
 
 
-@cases(
-    ("text", "match"),
-    {
-        "empty": ("", "empty"),
-        "no lights": ("0\n", "line 1: the count is 0, but 0 lights follow"),
-        "count missing": ("a.jpg 0 0 1\n", r"line 1: 'a\.jpg 0 0 1' is not a count"),
-        "count too big": ("3\na.jpg 0 0 1\n", "line 1: the count is 3, but 1 light follows"),
-        "count too small": ("1\na 0 0 1\nb 0 0 1\n", "line 1: the count is 1, but 2 lights follow"),
-        "zero": ("2\na 0 0 1\n\nb 0 0 0\n", "line 4: a zero vector"),
-        "NaN": ("1\na 0 nan 1\n", "line 2: a number is not finite"),
-        "infinity": ("1\na 0 inf 1\n", "line 2: a number is not finite"),
-        "text": ("1\na 0 up 1\n", "line 2: 'a 0 up 1' is not 'file x y z'"),
-        "no name": ("1\n0 0 1\n", "line 2: '0 0 1' is not 'file x y z'"),
-        "same name": ("2\na 0 0 1\na 0 1 1\n", "line 3: a is listed twice"),
-    },
-)
-def test_lp_refused_by_line(tmp_path: Path, text: str, match: str) -> None:
-    path = put(tmp_path / "a.lp", text)
-    with pytest.raises(DataError, match=match) as caught:
-        read_lights(path)
-    assert str(caught.value).startswith(str(path))
-
-
 def test_lp_written(tmp_path: Path) -> None:
     path = tmp_path / "a.lp"
     write_lights(path, near_lights())
@@ -229,25 +171,6 @@ def test_tables_of_directions(tmp_path: Path, text: str) -> None:
     lights = read_lights(put(tmp_path / "lights.txt", text))
     assert lights.ids == ("L00", "L01")
     np.testing.assert_allclose(lights.directions, [[0, 0, 1], [0.6, 0, 0.8]])
-
-
-@cases(
-    ("text", "match"),
-    {
-        "blank": ("\n", "empty"),
-        "zero": ("0 0 1\n\n0 0 0\n", "line 3: a zero vector"),
-        "two numbers": ("0 0 1\n0 0\n", "line 2: '0 0' is not three numbers"),
-        "wrong count": ("3\n0 0 1\n", "line 1: '3' is not three numbers"),
-        "heading": ("a b c\n0 0 1\n", "line 1: 'a b c' is not"),
-        "line as it is": ("0,0,1\n1,0,up\n", "line 2: '1,0,up' is not three"),
-        "NaN": ("0 0 1\nnan 0 1\n", "line 2: a number is not finite"),
-    },
-)
-def test_tables_refused_by_line(tmp_path: Path, text: str, match: str) -> None:
-    path = put(tmp_path / "lights.txt", text)
-    with pytest.raises(DataError, match=match) as caught:
-        read_lights(path)
-    assert str(caught.value).startswith(str(path))
 
 
 @cases(
@@ -288,29 +211,6 @@ def test_rows_with_names_or_a_further_number(
 
 
 @cases(
-    ("text", "match"),
-    {
-        "two commas": ("0,6,0,1,0,8\n", "line 1: '0,6,0,1,0,8' is not three"),
-        "the same, named": ("a,0,6,0,1,0,8\n", "line 1: 'a,0,6,0,1,0,8' is not"),
-        "angles": ("azimuth,elevation,radius\n10,20,1\n", "line 1: 'azimuth"),
-        "short": ("x,y,z\n1,0\n", "line 2: '1,0' is not a row with 3 columns"),
-        "only a heading": ("x,y,z\n", "line 1: 'x,y,z' is not followed by lights"),
-        "one name missing": ("a 0 0 1\n0 1 1\n", "line 2: '0 1 1' has no name"),
-        "undecided": ("0,0,1,1\n0,1,1,1\n1,0,1,1\n", "line 1: .* may belong"),
-        "one without": ("a.png 0 0 1 1\nb.png 0 1 1\n", "line 2: .* as the lines"),
-        "rgb": ("a.png 0 0 1 1 1 1\n", "line 1: 'a.png 0 0 1 1 1 1' is not"),
-        "distance": ("a.png 0 0 1 1\nb.png 3 0 4 412\n", "line 2: .* number 412"),
-        "negative": ("a.png 0 0 1 1\nb.png 3 0 4 -1\n", "line 2: .* number -1"),
-    },
-)
-def test_rows_that_cannot_be_known_are_refused_by_line(
-    tmp_path: Path, text: str, match: str
-) -> None:
-    with pytest.raises(DataError, match=match):
-        read_lights(put(tmp_path / "lights.csv", text))
-
-
-@cases(
     ("text", "lengths"),
     {
         "positions": ("300 0 0\n0 0 500\n", "300 to 500 long"),
@@ -323,6 +223,81 @@ def test_lengths_that_are_not_used_are_noted(tmp_path: Path, text: str, lengths:
     notices = read_lights(put(tmp_path / "lights.txt", text)).warnings
     assert [notice.code for notice in notices] == ["light-lengths-unused"] * bool(lengths)
     assert all(lengths in notice.text for notice in notices)
+
+
+REFUSED = {
+    "lights.json": {
+        "empty": ("", "JSON"),
+        "cut short": ("{", "JSON"),
+        "a list": ("[]", "valid dictionary|object"),
+        "version": (
+            changed().replace('"version": 1', '"version": 3'),
+            "version 3 of sgp-lights is unknown, this program reads 1 and 2",
+        ),
+        "no version": (changed().replace('"version": 1', '"version": true'), "True"),
+        "format": (changed().replace("sgp-lights", "lights"), "format"),
+        "unknown key": (changed(colour="red"), "unknown key 'lights.1.colour'"),
+        "zero": (changed(position_mm=[0, 0, 0]), "light L00 is a zero vector"),
+        "NaN": (changed(position_mm=[0, 0, 1e999]).replace("Infinity", "NaN"), "lights.1"),
+        "text": (changed(position_mm=[0, "x", 1]), "lights.1.position_mm.1"),
+        "two numbers": (changed(position_mm=[0, 1]), "lights.1.position_mm"),
+        "no vector": (changed(position_mm=None), "either direction or"),
+        "both vectors": (changed(direction=[0, 0, 1]), "either direction or"),
+        "mixed": (changed(position_mm=None, direction=[0, 0, 1]), "L00 differs in kind"),
+        "one axis missing": (changed(axis=None), "L00 differs .* give all lights an axis"),
+        "same id": (changed(id="L01"), "L01 is listed twice"),
+        "no light": (changed(intensity=[1, 0, 1]), "L00 has an intensity"),
+        "negative mu": (changed(mu=-1), "lights.1.mu"),
+        "none": ('{"format": "sgp-lights", "version": 1, "lights": []}', "lights"),
+    },
+    "a.lp": {
+        "empty": ("", "empty"),
+        "no lights": ("0\n", "line 1: the count is 0, but 0 lights follow"),
+        "count missing": ("a.jpg 0 0 1\n", r"line 1: 'a\.jpg 0 0 1' is not a count"),
+        "count too big": ("3\na.jpg 0 0 1\n", "line 1: the count is 3, but 1 light follows"),
+        "count too small": ("1\na 0 0 1\nb 0 0 1\n", "line 1: the count is 1, but 2 lights follow"),
+        "zero": ("2\na 0 0 1\n\nb 0 0 0\n", "line 4: a zero vector"),
+        "NaN": ("1\na 0 nan 1\n", "line 2: a number is not finite"),
+        "infinity": ("1\na 0 inf 1\n", "line 2: a number is not finite"),
+        "text": ("1\na 0 up 1\n", "line 2: 'a 0 up 1' is not 'file x y z'"),
+        "no name": ("1\n0 0 1\n", "line 2: '0 0 1' is not 'file x y z'"),
+        "same name": ("2\na 0 0 1\na 0 1 1\n", "line 3: a is listed twice"),
+    },
+    "lights.txt": {
+        "blank": ("\n", "empty"),
+        "zero": ("0 0 1\n\n0 0 0\n", "line 3: a zero vector"),
+        "two numbers": ("0 0 1\n0 0\n", "line 2: '0 0' is not three numbers"),
+        "wrong count": ("3\n0 0 1\n", "line 1: '3' is not three numbers"),
+        "heading": ("a b c\n0 0 1\n", "line 1: 'a b c' is not"),
+        "line as it is": ("0,0,1\n1,0,up\n", "line 2: '1,0,up' is not three"),
+        "NaN": ("0 0 1\nnan 0 1\n", "line 2: a number is not finite"),
+    },
+    "lights.csv": {
+        "two commas": ("0,6,0,1,0,8\n", "line 1: '0,6,0,1,0,8' is not three"),
+        "the same, named": ("a,0,6,0,1,0,8\n", "line 1: 'a,0,6,0,1,0,8' is not"),
+        "angles": ("azimuth,elevation,radius\n10,20,1\n", "line 1: 'azimuth"),
+        "short": ("x,y,z\n1,0\n", "line 2: '1,0' is not a row with 3 columns"),
+        "only a heading": ("x,y,z\n", "line 1: 'x,y,z' is not followed by lights"),
+        "one name missing": ("a 0 0 1\n0 1 1\n", "line 2: '0 1 1' has no name"),
+        "undecided": ("0,0,1,1\n0,1,1,1\n1,0,1,1\n", "line 1: .* may belong"),
+        "one without": ("a.png 0 0 1 1\nb.png 0 1 1\n", "line 2: .* as the lines"),
+        "rgb": ("a.png 0 0 1 1 1 1\n", "line 1: 'a.png 0 0 1 1 1 1' is not"),
+        "distance": ("a.png 0 0 1 1\nb.png 3 0 4 412\n", "line 2: .* number 412"),
+        "negative": ("a.png 0 0 1 1\nb.png 3 0 4 -1\n", "line 2: .* number -1"),
+    },
+}
+
+
+@cases(
+    ("name", "text", "match"),
+    {f"{name} {case}": (name, *row) for name in REFUSED for case, row in REFUSED[name].items()},
+)
+def test_files_are_refused_by_line_or_key(tmp_path: Path, name: str, text: str, match: str) -> None:
+    path = put(tmp_path / name, text)
+    with pytest.raises(DataError, match=match) as caught:
+        read_lights(path)
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
 
 
 def diligent(folder: Path, *, names: int = 2, strengths: str = "1 2 3\n4 5 6\n") -> Path:
