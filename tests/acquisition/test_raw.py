@@ -35,6 +35,12 @@ needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of re
 SENSOR = np.random.default_rng(3).integers(64, 4090, (40, 60)).astype(np.uint16)
 
 
+def write_all(folder: Path, *files: bytes) -> None:
+    folder.mkdir()
+    for number, data in enumerate(files):
+        (folder / f"IMG_{number}.dng").write_bytes(data)
+
+
 def test_margins_orientation_and_levels_of_each_colour(tmp_path: Path) -> None:
     """Only the active area, not rotated, with the black level of each mosaic position."""
     path = tmp_path / "a.dng"
@@ -118,18 +124,14 @@ def test_raw_files_become_a_session_with_all_their_metadata(tmp_path: Path) -> N
 def test_a_raw_file_with_other_camera_settings_is_refused(
     tmp_path: Path, change: dict[str, Any], said: str
 ) -> None:
-    (tmp_path / "in").mkdir()
-    (tmp_path / "in" / "IMG_0.dng").write_bytes(dng(SENSOR))
-    (tmp_path / "in" / "IMG_1.dng").write_bytes(dng(SENSOR, **change))
+    write_all(tmp_path / "in", dng(SENSOR), dng(SENSOR, **change))
     with pytest.raises(DataError, match=rf"IMG_1\.dng: {said}"):
         import_frames(read_import(tmp_path / "in"), tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
 def test_a_black_level_that_varies_slightly_between_frames_is_accepted(tmp_path: Path) -> None:
-    (tmp_path / "in").mkdir()
-    (tmp_path / "in" / "IMG_0.dng").write_bytes(dng(SENSOR))
-    (tmp_path / "in" / "IMG_1.dng").write_bytes(dng(SENSOR, black=(66, 66, 66, 66)))
+    write_all(tmp_path / "in", dng(SENSOR), dng(SENSOR, black=(66, 66, 66, 66)))
     assert import_frames(read_import(tmp_path / "in"), tmp_path / "out").complete
 
 
@@ -169,10 +171,8 @@ def test_a_black_level_that_varies_along_rows_is_levelled(tmp_path: Path) -> Non
 
 
 def test_a_source_has_one_black_level_and_a_session_keeps_the_samples(tmp_path: Path) -> None:
-    (tmp_path / "in").mkdir()
-    for number in range(3):
-        data = np.minimum(SENSOR + number, 4000)
-        (tmp_path / "in" / f"IMG_{number}.dng").write_bytes(dng(data, black=(60, 64, 66, 70)))
+    frames = [np.minimum(SENSOR + number, 4000) for number in range(3)]
+    write_all(tmp_path / "in", *(dng(data, black=(60, 64, 66, 70)) for data in frames))
     levelled = SENSOR.astype(int)
     levelled[::2, ::2] += 5
     levelled[::2, 1::2] += 1
@@ -198,9 +198,7 @@ def test_clipping_is_found_in_files_whose_black_levels_differ_slightly(tmp_path:
 
 
 def test_a_camera_without_a_colour_filter_is_read_watched_and_imported(tmp_path: Path) -> None:
-    (tmp_path / "in").mkdir()
-    for number in range(3):
-        (tmp_path / "in" / f"IMG_{number}.dng").write_bytes(dng(SENSOR + number, other=MONO))
+    write_all(tmp_path / "in", *(dng(SENSOR + number, other=MONO) for number in range(3)))
     raw = read_raw(tmp_path / "in" / "IMG_0.dng")
     assert (raw.cfa, raw.black_levels_dn) == (None, (64,))
     np.testing.assert_array_equal(raw.pixels, SENSOR)
