@@ -9,7 +9,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 import pytest
 from scipy.io import savemat
 
@@ -28,6 +27,7 @@ from acquisition.pixels import image_facts
 from acquisition.pixels.image_head import check_image_head, kind_of
 from acquisition.value_files.mat5 import read_mat5
 from rig import UnreadableError
+from tests.acquisition.image_bytes import by_library, chunk
 from tests.cases import cases
 
 GREY = np.arange(48, dtype=np.uint16).reshape(6, 8)
@@ -41,10 +41,6 @@ def refused(path: Path, said: str, **options: object) -> None:
 
 
 def png(width: int, height: int, depth: int = 8, data: bytes = b"\0" * 100) -> bytes:
-    def chunk(kind: bytes, content: bytes) -> bytes:
-        crc = zlib.crc32(kind + content)
-        return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", crc)
-
     head = struct.pack(">IIBBBBB", width, height, depth, 0, 0, 0, 0)
     return (
         b"\x89PNG\r\n\x1a\n"
@@ -85,13 +81,9 @@ def test_a_large_mask_of_one_bit_is_not_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("suffix", ["tif", "exr", "tga", "jpg", "bmp", "webp", "jp2", "jxl", "ppm"])
 def test_the_limit_holds_for_every_format(tmp_path: Path, suffix: str) -> None:
     """Some decoders unpack everything when they open a file, so the size is checked before."""
-    pixels = np.random.default_rng(0).integers(0, 255, (72, 80, 3)).astype(np.uint8)
-    path = tmp_path / f"a.{suffix}"
-    spec = oiio.ImageSpec(80, 72, 3, oiio.UINT8 if suffix != "exr" else oiio.HALF)
-    file = oiio.ImageOutput.create(str(path))
-    assert file.open(str(path), spec)
-    assert file.write_image(pixels)
-    assert file.close()
+    pixels = np.random.default_rng(0).integers(0, 255, (72, 80, 3))
+    pixels = pixels.astype(np.float16 if suffix == "exr" else np.uint8)
+    path = by_library(tmp_path / f"a.{suffix}", pixels)
     assert read_image(path, max_pixels=72 * 80).shape == (72, 80, 3)
     refused(path, "80 x 72 pixels, 5759 are allowed", max_pixels=72 * 80 - 1)
     kind = kind_of(path.read_bytes()[:4096], path.suffix)
@@ -123,11 +115,7 @@ def test_size_of_lossy_and_lossless_webp(tmp_path: Path) -> None:
 )
 def test_size_of_jpeg_xl(tmp_path: Path, width: int, height: int) -> None:
     """The header has special forms for small sides and for common ratios."""
-    path = tmp_path / "a.jxl"
-    file = oiio.ImageOutput.create(str(path))
-    assert file.open(str(path), oiio.ImageSpec(width, height, 1, oiio.UINT8))
-    assert file.write_image(np.zeros((height, width, 1), np.uint8))
-    assert file.close()
+    path = by_library(tmp_path / "a.jxl", np.zeros((height, width), np.uint8))
     with pytest.raises(UnreadableError, match=f"{width} x {height} pixels"):
         check_image_head(path, 1)
 
@@ -151,14 +139,7 @@ def test_flipped_bits_in_the_header_of_an_exr(tmp_path: Path) -> None:
 
 
 def test_an_image_with_text_in_another_encoding_is_read(tmp_path: Path) -> None:
-    path = tmp_path / "a.tif"
-    spec = oiio.ImageSpec(8, 6, 1, oiio.UINT16)
-    spec.attribute("Make", "Agfaphoto")
-    spec.attribute("Model", "One")
-    file = oiio.ImageOutput.create(str(path))
-    assert file.open(str(path), spec)
-    assert file.write_image(GREY[..., None])
-    assert file.close()
+    path = by_library(tmp_path / "a.tif", GREY, Make="Agfaphoto", Model="One")
     path.write_bytes(path.read_bytes().replace(b"Agfaphoto", b"Agfaph\xf6t\xf6"))
     np.testing.assert_array_equal(read_image(path), GREY)
     data = image_facts(path).shot

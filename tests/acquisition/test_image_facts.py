@@ -24,6 +24,7 @@ from acquisition.pixels.exif_block import tiff_tags
 from acquisition.pixels.mask_files import read_mask_of
 from acquisition.pixels.stated_facts import shot_facts
 from tests.acquisition.dng_file import dng
+from tests.acquisition.image_bytes import chunk
 from tests.cases import cases
 
 GREY = np.arange(48, dtype=np.uint16).reshape(6, 8) * 1000
@@ -42,10 +43,9 @@ def exif(**first: int) -> bytes:
 def png(block: bytes, *, late: bool) -> bytes:
     out = io.BytesIO()
     Image.fromarray(GREY).save(out, "png")
-    data, body = out.getvalue(), b"eXIf" + block
-    more = struct.pack(">I", len(block)) + body + struct.pack(">I", zlib.crc32(body))
+    data = out.getvalue()
     at = len(data) - 12 if late else 33
-    return data[:at] + more + data[at:]
+    return data[:at] + chunk(b"eXIf", block) + data[at:]
 
 
 def tiff(path: Path, **options: Any) -> None:
@@ -60,10 +60,9 @@ def text_chunk(path: Path, name: str) -> None:
     """Write a PNG with its block as Exiv2 and ImageMagick do."""
     block = b"Exif\0\0" + exif()
     text = f"\n{name}\n{len(block):8d}\n{block.hex()}\n".encode()
-    body = b"zTXtRaw profile type exif\0\0" + zlib.compress(text)
     data = png(b"", late=True)
-    chunk = struct.pack(">I", len(body) - 4) + body + struct.pack(">I", zlib.crc32(body))
-    path.write_bytes(data[:33] + chunk + data[33:])
+    more = chunk(b"zTXt", b"Raw profile type exif\0\0" + zlib.compress(text))
+    path.write_bytes(data[:33] + more + data[33:])
 
 
 FILES: dict[str, Callable[[Path], object]] = {

@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import OpenImageIO as oiio  # noqa: N813
 import pytest
 
 from acquisition import (
@@ -28,6 +27,7 @@ from acquisition.exports import prepare_export
 from acquisition.imports import read_import
 from acquisition.pixels import read_raw, write_tiff
 from acquisition.source.image_folder import images_source
+from tests.acquisition.image_bytes import by_library
 
 DATA = os.environ.get("SGP_DATA")
 needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of real data")
@@ -189,14 +189,9 @@ def test_images_that_are_named_after_leds_keep_their_leds(tmp_path: Path) -> Non
 
 
 def test_the_exposure_that_an_image_states_is_kept(tmp_path: Path) -> None:
-    spec = oiio.ImageSpec(6, 4, 3, oiio.UINT16)
-    spec.attribute("ExposureTime", 0.0125)
-    spec.attribute("Make", "Acme")
     for index in range(2):
-        file = oiio.ImageOutput.create("tiff")
-        assert file.open(str(tmp_path / f"a.{index}.tif"), spec)
-        assert file.write_image(PIXELS[index])
-        assert file.close()
+        path = tmp_path / f"a.{index}.tif"
+        by_library(path, PIXELS[index], ExposureTime=0.0125, Make="Acme")
     session = import_frames(read_import(tmp_path), tmp_path / "out")
     assert [frame.exposure_us for frame in session.frames] == [12_500, 12_500]
     assert session.manifest.camera.vendor == "Acme"

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -22,15 +21,11 @@ from acquisition.pixels import image_facts, write_tiff
 from acquisition.pixels.icc_curve import icc_curve
 from acquisition.source.series_facts import transfer_notices
 from rig import UnreadableError
+from tests.acquisition.image_bytes import by_library, chunk
 from tests.cases import cases
 
 RGB = np.arange(60, dtype=np.uint8).reshape(4, 5, 3)
 ADOBE = 563 / 256
-
-
-def chunk(kind: bytes, data: bytes) -> bytes:
-    crc = zlib.crc32(kind + data)
-    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", crc)
 
 
 def png(*chunks: bytes, bits: int = 8) -> bytes:
@@ -278,12 +273,7 @@ def test_our_own_files_state_no_display_curve(tmp_path: Path) -> None:
 
 def test_floats_with_the_metadata_of_a_camera_are_linear(tmp_path: Path) -> None:
     """A converter copies the Exif data of the photograph into the EXR file."""
-    spec = oiio.ImageSpec(5, 4, 3, oiio.FLOAT)
-    spec.attribute("Exif:ColorSpace", 1)
-    file = oiio.ImageOutput.create("openexr")
-    assert file.open(str(tmp_path / "a.exr"), spec)
-    assert file.write_image(RGB.astype(np.float32))
-    assert file.close()
+    by_library(tmp_path / "a.exr", RGB.astype(np.float32), **{"Exif:ColorSpace": 1})
     assert image_facts(tmp_path / "a.exr").transfer.curve == LINEAR
 
 
