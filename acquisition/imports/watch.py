@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -124,11 +125,8 @@ def watch_folder(
     """
     if not watch.folder.is_dir():
         raise MissingPathError(f"{watch.folder}: no such folder")
-    watcher = _Watcher(watch, Path(out), lights, on_message, on_progress, labels)
-    try:
+    with closing(_Watcher(watch, Path(out), lights, on_message, on_progress, labels)) as watcher:
         return watcher.run()
-    finally:
-        watcher.close()
 
 
 @dataclass(eq=False)
@@ -150,8 +148,8 @@ class _Watcher:
         self._files = WatchedFolder(
             watch.folder, watch.settle_s, self._say, watch.max_pixels, watch.pair_s
         )
-        for notice in () if self.lights is None else self.lights.warnings:
-            self._say(notice)
+        if self.lights is not None:
+            self._say(*self.lights.warnings)
         self._recorded: dict[str, int] = {}
         self._earlier: frozenset[str] = frozenset()
         self._names: dict[str, str] = {}  # of files, by the hash of their pixels
@@ -294,8 +292,7 @@ class _Watcher:
 
     def _record(self, match: Match) -> bool:
         """Record the matched images; return whether there were any."""
-        for notice in match.unused:
-            self._say(notice)
+        self._say(*match.unused)
         new = list(match.shots.items())
         for name, index in new:
             image = self._files.take(name)
@@ -308,8 +305,7 @@ class _Watcher:
                     return True  # the files after it have to be matched again
                 text = f"has the same pixels as {other}: the camera or the program repeats an image"
                 self._say(Notice("image-repeated", text, name))
-            for notice in match.notices.get(name, ()):
-                self._say(notice)
+            self._say(*match.notices.get(name, ()))
             line = write_imported(self._open(image), self.watch.shots[index], image)
             self._mark(line, name, index)
             self.tell(f"{name} is {Path(line.file).stem}")
@@ -330,8 +326,7 @@ class _Watcher:
         """Return the writer; the first image determines the camera of the session."""
         if self._first is None:
             self._first = image
-            for notice in orientation_notices(image.facts, image.path.name):
-                self._say(notice)
+            self._say(*orientation_notices(image.facts, image.path.name))
         image.facts.check_alike(self._first.facts)
         image.check_like(self._first)
         transfer = self._transfer(image)
@@ -365,9 +360,9 @@ class _Watcher:
             curve, why = self.watch.transfer, "given"
         else:
             curve, why = stated.curve, stated.origin
-            white, name = image.white_level_dn, image.path.name
-            for notice in transfer_notices(curve, why, white, name) if self._writer is None else ():
-                self._say(notice)
+            if self._writer is None:
+                white, name = image.white_level_dn, image.path.name
+                self._say(*transfer_notices(curve, why, white, name))
         if self._writer is None:
             return curve
         record = self._writer.manifest.transfer
@@ -379,11 +374,12 @@ class _Watcher:
             )
         return curve
 
-    def _say(self, notice: Notice) -> None:
-        """Report a notice, but only once."""
-        if notice not in self._said:
-            self._said[notice] = None
-            self.tell(str(notice))
+    def _say(self, *notices: Notice) -> None:
+        """Report notices, but each only once."""
+        for notice in notices:
+            if notice not in self._said:
+                self._said[notice] = None
+                self.tell(str(notice))
 
     def _result(self) -> WatchResult:
         if self._writer is None:

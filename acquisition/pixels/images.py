@@ -17,7 +17,7 @@ import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 
 from acquisition._errors import DataError
 from acquisition.files.map_rows import ComputedRows, MapRows, rows_of
-from acquisition.pixels.encoded_image import encoded_image, store_image
+from acquisition.pixels.encoded_image import store_image
 from acquisition.pixels.image_input import check_png_file, opened_image
 from acquisition.pixels.png_file import SRGB_CHUNKS, chunk, png_pieces, store_png
 from rig import MAX_PIXELS
@@ -224,8 +224,7 @@ def write_with_attributes(
             spec.attribute(name, oiio.TypeDesc("float[3]"), value)
         elif value not in ("", None):
             spec.attribute(name, value)
-    with encoded_image(path, kind, spec, array) as data:
-        store_image(path, data, array)
+    store_image(path, kind, spec, array)
 
 
 def _check(path: Path, array: MapRows, allowed: set[str]) -> None:
