@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import cv2
@@ -11,9 +10,7 @@ import pytest
 
 from acquisition import CameraModel, DataError, MissingPathError, read_camera, write_camera
 from tests.cases import cases
-
-DATA = os.environ.get("SGP_DATA")
-needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of real data")
+from tests.real_data import DATA, needs_data
 
 K = np.array([[1000.5, 0.25, 320.25], [0, 1001, 239.5], [0, 0, 1]])
 CAMERA = CameraModel(K, 640, 480, 350.0, np.array([-0.1, 0.01, 1e-3, -2e-3, 1e-4]))
@@ -169,6 +166,6 @@ def test_paths(tmp_path: Path) -> None:
 
 @needs_data
 def test_real_matrix() -> None:
-    path = Path(DATA or "") / "normals" / "diligent" / "bear" / "K.txt"
+    path = DATA / "normals" / "diligent" / "bear" / "K.txt"
     camera = read_camera(path, (512, 612))
     np.testing.assert_allclose(camera.K[0], [3772.07747, 0, 305.875], rtol=1e-8)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import struct
 from pathlib import Path
 
@@ -14,12 +13,7 @@ from acquisition import read_image
 from acquisition.pixels import image_facts, read_image_with_alpha
 from tests.acquisition.image_bytes import BIG, RGB, RGB16, by_library, chunk, png, tga
 from tests.cases import cases
-
-DATA = os.environ.get("SGP_DATA")
-
-
-needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of real data")
-
+from tests.real_data import DATA, needs_data
 
 GREY_ALPHA = np.stack([RGB[..., 0], np.full((4, 5), 7, np.uint8)], -1)
 
@@ -137,13 +131,13 @@ def test_exr_channels_are_chosen_by_name(tmp_path: Path) -> None:
     ],
 )
 def test_real_images(name: str, shape: tuple[int, ...], dtype: type) -> None:
-    pixels = read_image(Path(DATA or "") / name)
+    pixels = read_image(DATA / name)
     assert pixels.shape == shape
     assert pixels.dtype == dtype
     assert pixels.max() > 100
     if name.endswith((".png", ".jpg")):
         # Another decoder that does not rotate either; JPEG decoders may differ by rounding.
         flags = cv2.IMREAD_UNCHANGED
-        other = cv2.imread(str(Path(DATA or "") / name), flags)
+        other = cv2.imread(str(DATA / name), flags)
         other = other[..., ::-1] if other.ndim == 3 else other
         assert np.abs(other.astype(int) - pixels).max() <= (3 if name.endswith("jpg") else 0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,9 +27,7 @@ from acquisition.imports import read_import
 from acquisition.pixels import read_raw, write_tiff
 from acquisition.source.image_folder import images_source
 from tests.acquisition.image_bytes import by_library
-
-DATA = os.environ.get("SGP_DATA")
-needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of real data")
+from tests.real_data import DATA, needs_data
 
 PIXELS = np.random.default_rng(8).integers(0, 65535, (12, 4, 6, 3)).astype(np.uint16)
 
@@ -231,7 +228,7 @@ def test_an_lp_matches_by_name_or_by_order_or_is_refused(
 
 @needs_data
 def test_real_diligent_captures_become_a_session(tmp_path: Path) -> None:
-    folder = Path(DATA or "") / "diligent" / "catPNG"
+    folder = DATA / "diligent" / "catPNG"
     source = read_import(folder)
     source = replace(
         source, frames=source.frames[:5], lights=source.lights and source.lights.take(range(5))
@@ -255,7 +252,7 @@ def test_real_diligent_captures_become_a_session(tmp_path: Path) -> None:
 
 @needs_data
 def test_a_real_raw_file_becomes_one_frame_with_its_mosaic(tmp_path: Path) -> None:
-    path = Path(DATA or "") / "raw" / "RAW_KODAK_DC50.KDC"
+    path = DATA / "raw" / "RAW_KODAK_DC50.KDC"
     session = import_frames(
         read_source(path), tmp_path / "out", Labels(operator="op", object_name="street")
     )
@@ -272,7 +269,7 @@ def test_a_real_raw_file_becomes_one_frame_with_its_mosaic(tmp_path: Path) -> No
 
 @needs_data
 def test_real_captures_become_a_session(tmp_path: Path) -> None:
-    source = read_source(Path(DATA or "") / "uw" / "buddha")
+    source = read_source(DATA / "uw" / "buddha")
     session = import_frames(source, tmp_path / "out", Labels(operator="op", object_name="buddha"))
     assert verify_session(tmp_path / "out").ok
     assert len(session.frames) == 12

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +12,7 @@ from hypothesis import strategies as st
 
 from acquisition import DataError, Lights, MissingPathError, StorageError, read_lights, write_lights
 from tests.cases import cases
-
-DATA = os.environ.get("SGP_DATA")
-needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of real data")
+from tests.real_data import DATA, needs_data
 
 GOLDEN_NEAR = """\
 {
@@ -351,11 +348,11 @@ def test_lights_cannot_be_written(tmp_path: Path) -> None:
 
 @needs_data
 def test_real_files_of_lights() -> None:
-    shipped = read_lights(Path(DATA or "") / "uw" / "lights_shipped_unreliable.txt")
+    shipped = read_lights(DATA / "uw" / "lights_shipped_unreliable.txt")
     assert len(shipped) == 12
     first = np.array([0.403259, 0.480808, 0.778592])
     np.testing.assert_allclose(shipped.unit_directions[0], first / np.linalg.norm(first))
-    bear = read_lights(Path(DATA or "") / "diligent" / "bearPNG")
+    bear = read_lights(DATA / "diligent" / "bearPNG")
     assert len(bear) == 96
     assert bear.ids[0] == "001.png"
     np.testing.assert_allclose(np.asarray(bear.intensities)[0], [1.253, 1.6642, 2.2018])

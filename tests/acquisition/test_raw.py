@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -28,9 +27,7 @@ from acquisition.values.image_names import is_raw
 from rig.arrays import Int64
 from tests.acquisition.dng_file import SHORT, SRATIONAL, Tag, dng, tag
 from tests.cases import cases
-
-DATA = os.environ.get("SGP_DATA")
-needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of real data")
+from tests.real_data import DATA, needs_data
 
 SENSOR = np.random.default_rng(3).integers(64, 4090, (40, 60)).astype(np.uint16)
 
@@ -255,7 +252,7 @@ def test_white_levels_of_colours_are_used(
 
 @pytest.fixture
 def kodak() -> Path:
-    return Path(DATA or "") / "raw" / "RAW_KODAK_DC50.KDC"
+    return DATA / "raw" / "RAW_KODAK_DC50.KDC"
 
 
 @needs_data
