@@ -114,16 +114,16 @@ class Export:
         For folders that the caller has `staged`; parameters and errors are those of `write`.
         """
         files = []
-        for index, frame in enumerate(self._frames):
-            files.append(place / self.notes.frames[index].file)
-            self._write_image(files[-1], frame, index)
-            on_progress("exporting", index + 1, len(self._frames))
+        pairs = list(zip(self._frames, self.notes.frames, strict=True))
+        for number, (frame, noted) in enumerate(pairs, 1):
+            files.append(place / noted.file)
+            self._write_image(files[-1], frame, noted)
+            on_progress("exporting", number, len(pairs))
         files += self._write_tables(place)
         files.append(write_recording_notes(place, self.notes))
         return tuple(files)
 
-    def _write_image(self, path: Path, frame: Frame, index: int) -> None:
-        noted = self.notes.frames[index]
+    def _write_image(self, path: Path, frame: Frame, noted: ExportedFrame) -> None:
         caption = Caption(self.session.manifest, noted.exposure_us)
         if self.layout == "exr":
             attributes = exr_attributes(self.notes, noted, self._lights, frame.light_id)

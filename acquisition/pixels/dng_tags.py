@@ -64,7 +64,9 @@ def read_dng_tags(path: Path) -> Tags:
                 return {}
             tags = _values(file, form, entries)
             directories.append(tags)
-            ahead += [*map(int, tags.get(_SUBIFDS, ())), *filter(None, (following,))]
+            ahead += map(int, tags.get(_SUBIFDS, ()))
+            if following:
+                ahead.append(following)
     return next(
         (
             tags

@@ -76,10 +76,8 @@ class Form(NamedTuple):
             If the directory is damaged.
         """
         file.seek(begin)
-        number, word = (
-            struct.Struct(self.order + self.number),
-            struct.Struct(self.order + self.word),
-        )
+        number = struct.Struct(self.order + self.number)
+        word = struct.Struct(self.order + self.word)
         (count,) = number.unpack(file.read(number.size))
         if count > most:
             raise ValueError("a damaged directory")
