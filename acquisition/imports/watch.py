@@ -17,7 +17,7 @@ from acquisition.imports.frames import camera_metadata, camera_of, write_importe
 from acquisition.imports.image import ImportedImage
 from acquisition.imports.watch_files import Recorded, WatchedFolder
 from acquisition.imports.watch_match import Arrival, Match, Rule, follows_gap, match_shots
-from acquisition.imports.watch_shots import Watch, lights_of_shots, shot_files, shots_by_name
+from acquisition.imports.watch_shots import Watch, lights_of_shots, shots_by_name
 from acquisition.pixels.high_bits import high_bits_notice, high_bits_of, white_level_of
 from acquisition.pixels.stated_facts import ImageFacts, ShotFacts
 from acquisition.plan.planned_shot import PlannedShot
@@ -144,6 +144,7 @@ class _Watcher:
         watch = self.watch
         self._lights = lights_of_shots(watch.shots, self.lights)
         self._called = shots_by_name(watch.shots)
+        self._shot_files = [shot.file for shot in watch.shots]
         self._said: dict[Notice, None] = {}
         self._files = WatchedFolder(
             watch.folder, watch.settle_s, self._say, watch.max_pixels, watch.pair_s
@@ -192,14 +193,14 @@ class _Watcher:
         begun = next((line.details for line in session.events if line.event == _WATCHED), None)
         # A watch that was killed at once left a session without any line.
         blank = session.manifest.rig is None and not (session.recorded or session.events)
-        if not blank and (begun is None or begun.get("shots") != shot_files(self.watch.shots)):
+        if not blank and (begun is None or begun.get("shots") != self._shot_files):
             raise DataError(
                 f"{self.out}: was not started by watching a folder for these shots: choose a new "
                 "folder, or give the same LEDs or the same plan"
             )
         self._writer = SessionWriter.reopen(self.out)
         if begun is None:
-            self._writer.write_event(_WATCHED, shots=shot_files(self.watch.shots))
+            self._writer.write_event(_WATCHED, shots=self._shot_files)
         indices = {shot.key: index for index, shot in enumerate(self.watch.shots)}
         # Read the session again: from here on no other watch can add to it.
         session = Session.open(self.out)
@@ -235,7 +236,7 @@ class _Watcher:
         text = f"continued with {pluralize(len(self._recorded), 'image')}"
         last = max(self._recorded.values(), default=-1)
         if last + 1 < len(self.watch.shots):
-            text += f"; {Path(self.watch.shots[last + 1].file).stem} is next"
+            text += f"; {Path(self._shot_files[last + 1]).stem} is next"
         self._say(Notice("watch-continued", text, str(self.out), "info"))
 
     def _mark(self, line: FrameLine, name: str, index: int) -> None:
@@ -280,7 +281,7 @@ class _Watcher:
         named |= {n: i for n, i in self._recorded.items() if n not in series_recorded}
         match = match_shots(
             series,
-            [Path(shot.file).stem for shot in self.watch.shots],
+            [Path(file).stem for file in self._shot_files],
             series_recorded,
             Rule(self.watch.gaps, interval_s),
             named=named,
@@ -348,9 +349,8 @@ class _Watcher:
                 transfer=TransferRecord.of(transfer),
             )
             self._writer = SessionWriter.create(self.out, manifest)
-            self._writer.write_event(
-                _WATCHED, shots=shot_files(self.watch.shots), **camera_metadata(image)
-            )
+            details = camera_metadata(image)
+            self._writer.write_event(_WATCHED, shots=self._shot_files, **details)
         return self._writer
 
     def _transfer(self, image: ImportedImage) -> TransferCurve:
