@@ -9,10 +9,7 @@ from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape
 
-import numpy as np
-import OpenImageIO as oiio  # noqa: N813 - its own name for itself
-
-from acquisition.pixels.encoded_image import encoded_image, store_image
+from acquisition.pixels.images import write_with_attributes
 from acquisition.pixels.png_file import SRGB_CHUNKS, chunk, png_pieces, store_png
 from acquisition.session.manifest import Manifest
 from acquisition.values.transfer_curve import LINEAR, TransferCurve
@@ -163,13 +160,9 @@ def write_captioned_exr(
     StorageError
         If the file cannot be written, or does not read back as written.
     """
-    image = np.ascontiguousarray(pixels.reshape(*pixels.shape[:2], -1))
-    height, width, channels = image.shape
-    spec = oiio.ImageSpec(width, height, channels, oiio.FLOAT)
-    spec.attribute("compression", "zip")
-    if transfer == LINEAR:
-        spec.attribute("oiio:ColorSpace", "linear")
     standard = {
+        "compression": "zip",
+        "oiio:ColorSpace": "linear" if transfer == LINEAR else "",
         "DocumentName": caption.manifest.object,
         "Artist": caption.manifest.operator,
         "ImageDescription": caption.description,
@@ -178,16 +171,9 @@ def write_captioned_exr(
         "Software": caption.software,
         "Location": caption.manifest.place,
         "XMP": caption.xmp(),
+        "ExposureTime": None if caption.exposure_us is None else caption.exposure_us / 1e6,
     }
-    for name, value in {**standard, **attributes}.items():
-        if isinstance(value, tuple):
-            spec.attribute(name, oiio.TypeDesc("float[3]"), value)
-        elif value not in ("", None):
-            spec.attribute(name, value)
-    if caption.exposure_us is not None:
-        spec.attribute("ExposureTime", caption.exposure_us / 1e6)
-    with encoded_image(path, "openexr", spec, image) as data:
-        store_image(path, data, pixels)
+    write_with_attributes(path, pixels, "openexr", {**standard, **attributes})
 
 
 def _curve_chunks(transfer: TransferCurve) -> list[bytes]:

@@ -114,16 +114,16 @@ class Export:
         For folders that the caller has `staged`; parameters and errors are those of `write`.
         """
         files = []
-        for index, frame in enumerate(self._frames):
-            files.append(place / self.notes.frames[index].file)
-            self._write_image(files[-1], frame, index)
-            on_progress("exporting", index + 1, len(self._frames))
+        pairs = list(zip(self._frames, self.notes.frames, strict=True))
+        for number, (frame, noted) in enumerate(pairs, 1):
+            files.append(place / noted.file)
+            self._write_image(files[-1], frame, noted)
+            on_progress("exporting", number, len(pairs))
         files += self._write_tables(place)
         files.append(write_recording_notes(place, self.notes))
         return tuple(files)
 
-    def _write_image(self, path: Path, frame: Frame, index: int) -> None:
-        noted = self.notes.frames[index]
+    def _write_image(self, path: Path, frame: Frame, noted: ExportedFrame) -> None:
         caption = Caption(self.session.manifest, noted.exposure_us)
         if self.layout == "exr":
             attributes = exr_attributes(self.notes, noted, self._lights, frame.light_id)
@@ -146,9 +146,8 @@ class Export:
             write_camera(files[-1], self._source.camera)
         if lights is None:
             return files
-        if self.layout == "exr":
-            full = lights
-        else:
+        full = lights
+        if self.layout != "exr":
             full = replace(lights, ids=tuple(Path(name).stem for name in names))
         write_lights(out / LIGHTS_FILE, full, {"source": self.session.manifest.object})
         files.append(out / LIGHTS_FILE)
@@ -239,10 +238,11 @@ def prepare_export(
             raise DataError(
                 f"{folder}: the session has no light or flat frames: export the raw values"
             )
+    frames = [frame for _, frame in pairs]
     samples = Samples(source, values)
     notes = recording_notes(session, source, pairs, layout, samples)
     warnings += layout_remarks(session, source, pairs, layout, samples)
-    warnings += samples.warnings([frame for _, frame in pairs])
+    warnings += samples.warnings(frames)
     return Export(
         session=session,
         layout=layout,
@@ -251,9 +251,9 @@ def prepare_export(
         warnings=tuple(warnings),
         inputs=source.files,
         _source=source,
-        _frames=tuple(frame for _, frame in pairs),
+        _frames=tuple(frames),
         _samples=samples,
-        _lights=_lights_of(source, [frame for _, frame in pairs]),
+        _lights=_lights_of(source, frames),
     )
 
 
@@ -261,38 +261,25 @@ def _one_of_each_light(
     session: Session, pairs: list[Pair], bracket: int, warnings: list[Notice]
 ) -> list[Pair]:
     lit = [pair for pair in pairs if pair[0].role == "light"]
-    brackets = sorted({recorded.bracket for recorded, _ in lit})
-    if bracket not in brackets:
-        available = ", ".join(map(str, brackets)) or "none"
+    of_bracket = [pair for pair in lit if pair[0].bracket == bracket]
+    if not of_bracket:
+        available = ", ".join(map(str, sorted({pair[0].bracket for pair in lit}))) or "none"
         raise DataError(
             f"{session.folder}: no light was recorded with bracket {bracket}: "
             f"the brackets are {available}"
         )
     chosen: dict[str, Pair] = {}
-    for pair in sorted(lit, key=lambda pair: pair[0].line.repeat):
-        if pair[0].bracket == bracket:
-            chosen.setdefault(pair[1].light_id, pair)
-    left_out = [
-        f"{number} {what}"
-        for what, number in (
-            ("of other brackets", sum(pair[0].bracket != bracket for pair in lit)),
-            (
-                "repeats",
-                sum(pair[0].bracket == bracket for pair in lit) - len(chosen),
-            ),
-            ("dark, ambient or flat", len(pairs) - len(lit)),
-        )
-        if number
-    ]
+    for pair in sorted(of_bracket, key=lambda pair: pair[0].line.repeat):
+        chosen.setdefault(pair[1].light_id, pair)
+    counts = {
+        "of other brackets": len(lit) - len(of_bracket),
+        "repeats": len(of_bracket) - len(chosen),
+        "dark, ambient or flat": len(pairs) - len(lit),
+    }
+    left_out = ", ".join(f"{number} {what}" for what, number in counts.items() if number)
     if left_out:
-        warnings.append(
-            Notice(
-                "export-frames-left-out",
-                "frames not exported because the layout has one image per light: "
-                + ", ".join(left_out),
-                severity="info",
-            )
-        )
+        text = f"frames not exported because the layout has one image per light: {left_out}"
+        warnings.append(Notice("export-frames-left-out", text, severity="info"))
     # Keep the order of the session, which is that of its plan.
     return [pair for pair in lit if chosen.get(pair[1].light_id) is pair]
 

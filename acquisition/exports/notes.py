@@ -18,7 +18,6 @@ from acquisition.source.source import Frame, Source
 from acquisition.values.lights import Lights, led_id
 from acquisition.values.transfer_curve import LINEAR
 from rig import Notice
-from rig.arrays import Float64
 
 Layout = Literal["diligent", "lp", "exr", "alicevision"]
 Pair = tuple[SessionFrame, Frame]
@@ -120,16 +119,15 @@ def exr_attributes(
         attributes["sgp:led"] = noted.led
     if lights is not None and light in lights.ids:
         index = lights.ids.index(light)
-        attributes["sgp:light_direction"] = _triple(lights.unit_directions[index])
-        attributes["sgp:light_intensity"] = _triple(np.asarray(lights.intensities)[index])
-        if lights.positions_mm is not None:
-            attributes["sgp:light_position_mm"] = _triple(lights.positions_mm[index])
+        triples = {
+            "direction": lights.unit_directions,
+            "intensity": lights.intensities,
+            "position_mm": lights.positions_mm,
+        }
+        for name, values in triples.items():
+            if values is not None:
+                attributes[f"sgp:light_{name}"] = tuple(values[index].tolist())
     return attributes
-
-
-def _triple(vector: Float64) -> tuple[float, float, float]:
-    x, y, z = (float(value) for value in vector)
-    return x, y, z
 
 
 def _file(layout: Layout, number: int, recorded: SessionFrame) -> str:

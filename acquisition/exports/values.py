@@ -69,10 +69,8 @@ class Samples:
         """Return a text that names what is subtracted from the frames."""
         if self.values == "raw":
             return "nothing"
-        offsets = {self._linear.reference(frame.exposure_us) or "black level" for frame in frames}
-        return " or ".join(
-            sorted(f"{name} frames" if name != "black level" else name for name in offsets)
-        )
+        names = {self._linear.reference(frame.exposure_us) for frame in frames}
+        return " or ".join(sorted(f"{name} frames" if name else "black level" for name in names))
 
     def warnings(self, frames: Sequence[Frame]) -> list[Notice]:
         """Return warnings for programs that take the values as proportional to light."""
@@ -90,9 +88,7 @@ class Samples:
                 "export linear values to subtract it"
             )
             kept.append(Notice("black-level-kept", text))
-        if kept:
-            return kept
         if self.values == "linear" and self.subtracted(frames) == "black level":
             text = "no dark frames of these exposures: the black level is subtracted instead"
-            return [Notice("dark-frames-missing", text)]
-        return []
+            kept.append(Notice("dark-frames-missing", text))
+        return kept

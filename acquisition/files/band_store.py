@@ -195,7 +195,11 @@ class BandStore(Mapping[str, BandFile]):
         self._descriptor = -1
         self._lock = lock_folder(self.folder, _DOING)
         try:
-            self._claim(wanted, replace=replace)
+            found = _identity(self.folder / _IDENTITY)
+            if found is not None and found != wanted and not replace:
+                raise OtherMapsError(self.folder.parent, _differences(found, wanted))
+            if found != wanted:
+                self._empty(wanted)
             try:
                 self._continue(maps)
             except DamagedMapsError:
@@ -327,15 +331,6 @@ class BandStore(Mapping[str, BandFile]):
                     self._note(line["step"], slice(begin, end), line["written"])
             except (UnreadableError, TypeError, ValueError, KeyError) as error:
                 raise DamagedMapsError(journal, f"line {number} is damaged") from error
-
-    def _claim(self, wanted: dict[str, Any], *, replace: bool) -> None:
-        """Keep the maps of the same identity, remove those of another one."""
-        found = _identity(self.folder / _IDENTITY)
-        if found == wanted:
-            return
-        if found is not None and not replace:
-            raise OtherMapsError(self.folder.parent, _differences(found, wanted))
-        self._empty(wanted)
 
     def _empty(self, wanted: dict[str, Any]) -> None:
         """Begin with an empty folder."""

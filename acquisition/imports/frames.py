@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections import Counter
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -141,13 +141,8 @@ def import_frames(
         lights = replace(lights, ids=tuple(map(led_id, leds)))
     others: dict[str, Any] = {"origin": "simulated" if source.simulated else None}
     if record is not None:
-        labels = Labels(
-            operator=labels.operator or record.operator,
-            object_name=labels.object_name or record.object,
-            place=labels.place or record.place,
-            notes=labels.notes or record.notes,
-            rights=labels.rights or record.rights,
-        )
+        noted = Labels(record.operator, record.object, record.place, record.notes, record.rights)
+        labels = replace(noted, **{name: text for name, text in asdict(labels).items() if text})
         others["started_utc"] = record.started_utc
     manifest = Manifest.begin(
         folder,
@@ -274,10 +269,9 @@ def _shots(source: Source, record: RecordingNotes | None) -> list[PlannedShot]:
     frames = source.frames
     if record is not None:
         noted = {frame.file: frame for frame in record.frames}
-        listed = [noted[frame.path.name] for frame in frames]
         return [
             PlannedShot(shot.role, shot.led, shot.bracket, shot.repeat, shot.exposure_us)
-            for shot in listed
+            for shot in (noted[frame.path.name] for frame in frames)
         ]
     lit = [frame for frame in frames if frame.role == "light"]
     leds = list(range(len(lit)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -16,7 +17,7 @@ from acquisition.imports.frames import camera_metadata, camera_of, write_importe
 from acquisition.imports.image import ImportedImage
 from acquisition.imports.watch_files import Recorded, WatchedFolder
 from acquisition.imports.watch_match import Arrival, Match, Rule, follows_gap, match_shots
-from acquisition.imports.watch_shots import Watch, lights_of_shots, shot_files, shots_by_name
+from acquisition.imports.watch_shots import Watch, lights_of_shots, shots_by_name
 from acquisition.pixels.high_bits import high_bits_notice, high_bits_of, white_level_of
 from acquisition.pixels.stated_facts import ImageFacts, ShotFacts
 from acquisition.plan.planned_shot import PlannedShot
@@ -36,6 +37,8 @@ from rig import Notice, Progress, no_progress, pluralize, short_repr
 
 _POLL_S: Final = 0.2
 _WATCHED: Final = "watched"
+# Settings of the first image that the event of a watch records.
+_SETTINGS: Final = ("iso", "f_number", "orientation")
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,53 +125,49 @@ def watch_folder(
     """
     if not watch.folder.is_dir():
         raise MissingPathError(f"{watch.folder}: no such folder")
-    watcher = _Watcher(watch, Path(out), lights, on_message, on_progress, labels)
-    try:
+    with closing(_Watcher(watch, Path(out), lights, on_message, on_progress, labels)) as watcher:
         return watcher.run()
-    finally:
-        watcher.close()
 
 
+@dataclass(eq=False)
 class _Watcher:
-    def __init__(
-        self,
-        watch: Watch,
-        out: Path,
-        lights: Lights | None,
-        on_message: Callable[[str], None],
-        on_progress: Progress,
-        labels: Labels,
-    ) -> None:
-        self._watch = watch
-        self._out = out
-        self._lights = lights_of_shots(watch.shots, lights)
+    """A watch in progress; parameters as in `watch_folder`."""
+
+    watch: Watch
+    out: Path
+    lights: Lights | None
+    tell: Callable[[str], None]
+    on_progress: Progress
+    labels: Labels
+
+    def __post_init__(self) -> None:
+        watch = self.watch
+        self._lights = lights_of_shots(watch.shots, self.lights)
         self._called = shots_by_name(watch.shots)
-        self._tell = on_message
-        self._on_progress = on_progress
-        self._labels = labels
+        self._shot_files = [shot.file for shot in watch.shots]
         self._said: dict[Notice, None] = {}
         self._files = WatchedFolder(
             watch.folder, watch.settle_s, self._say, watch.max_pixels, watch.pair_s
         )
-        for notice in () if lights is None else lights.warnings:
-            self._say(notice)
+        if self.lights is not None:
+            self._say(*self.lights.warnings)
         self._recorded: dict[str, int] = {}
         self._earlier: frozenset[str] = frozenset()
         self._names: dict[str, str] = {}  # of files, by the hash of their pixels
         self._copies: set[str] = set()
         self._first: ImportedImage | None = None
         self._writer: SessionWriter | None = None
-        if is_session(out):
+        if is_session(self.out):
             self._continue_session()
 
     def run(self) -> WatchResult:
         """Poll the folder until all shots are recorded or the timeout has passed."""
         changed_s = time.monotonic()
-        while not self._complete:
+        while self._missing:
             if self._files.scan():
                 changed_s = time.monotonic()
             self._files.report_overwritten()
-            late = time.monotonic() - changed_s >= self._watch.timeout_s
+            late = time.monotonic() - changed_s >= self.watch.timeout_s
             if late:
                 self._files.wait_no_longer()
             recorded = self._record(self._match(decide=late))
@@ -186,29 +185,25 @@ class _Watcher:
     @property
     def _missing(self) -> tuple[PlannedShot, ...]:
         recorded = set(self._recorded.values())
-        return tuple(shot for i, shot in enumerate(self._watch.shots) if i not in recorded)
-
-    @property
-    def _complete(self) -> bool:
-        return not self._missing
+        return tuple(shot for i, shot in enumerate(self.watch.shots) if i not in recorded)
 
     def _continue_session(self) -> None:
         """Continue the session of an earlier watch if it was for the same shots."""
-        session = Session.open(self._out)
+        session = Session.open(self.out)
         begun = next((line.details for line in session.events if line.event == _WATCHED), None)
         # A watch that was killed at once left a session without any line.
         blank = session.manifest.rig is None and not (session.recorded or session.events)
-        if not blank and (begun is None or begun.get("shots") != shot_files(self._watch.shots)):
+        if not blank and (begun is None or begun.get("shots") != self._shot_files):
             raise DataError(
-                f"{self._out}: was not started by watching a folder for these shots: choose a new "
+                f"{self.out}: was not started by watching a folder for these shots: choose a new "
                 "folder, or give the same LEDs or the same plan"
             )
-        self._writer = SessionWriter.reopen(self._out)
+        self._writer = SessionWriter.reopen(self.out)
         if begun is None:
-            self._writer.write_event(_WATCHED, shots=shot_files(self._watch.shots))
-        indices = {shot.key: index for index, shot in enumerate(self._watch.shots)}
+            self._writer.write_event(_WATCHED, shots=self._shot_files)
+        indices = {shot.key: index for index, shot in enumerate(self.watch.shots)}
         # Read the session again: from here on no other watch can add to it.
-        session = Session.open(self._out)
+        session = Session.open(self.out)
         for frame in session.frames:
             line = frame.line
             if line.origin is None:
@@ -224,7 +219,8 @@ class _Watcher:
             # Each image states all 16 bits; how many are in use was decided for the session.
             full = camera.bit_depth == 16 and camera.white_dn in map(white_level_of, (10, 12, 14))
             first = session.frames[0]
-            facts = ImageFacts(first.path, _shot_of(begun or {}))
+            stated: dict[str, Any] = {name: (begun or {}).get(name) for name in _SETTINGS}
+            facts = ImageFacts(first.path, ShotFacts(**stated))
             if not is_raw(Path(first.line.origin or "")):
                 dtype = np.dtype(np.uint8 if camera.bit_depth == 8 else np.uint16)
                 facts = replace(facts, shape=first.shape, dtype=dtype)
@@ -239,9 +235,9 @@ class _Watcher:
         self._earlier = frozenset(self._recorded)
         text = f"continued with {pluralize(len(self._recorded), 'image')}"
         last = max(self._recorded.values(), default=-1)
-        if last + 1 < len(self._watch.shots):
-            text += f"; {Path(self._watch.shots[last + 1].file).stem} is next"
-        self._say(Notice("watch-continued", text, str(self._out), "info"))
+        if last + 1 < len(self.watch.shots):
+            text += f"; {Path(self._shot_files[last + 1]).stem} is next"
+        self._say(Notice("watch-continued", text, str(self.out), "info"))
 
     def _mark(self, line: FrameLine, name: str, index: int) -> None:
         """Note that a file is recorded."""
@@ -255,7 +251,7 @@ class _Watcher:
         series: list[Arrival] = []
         named: dict[str, int] = {}
         waiting: list[str] = []
-        by_number = self._watch.gaps and self._watch.interval_s is None
+        by_number = self.watch.gaps and self.watch.interval_s is None
         for name in self._files.names:
             if name in self._copies:
                 continue
@@ -269,17 +265,14 @@ class _Watcher:
             # An image that only its order assigns waits for the incomplete ones before it.
             elif not waiting or (by_number and running_number(name)) or name in self._recorded:
                 series.append(arrival)
-        interval_s = self._watch.interval_s
+        interval_s = self.watch.interval_s
         if interval_s is not None and not decide and series:
             last = series[-1].name
-            new = (
-                last not in self._recorded
-                and series[-2:-1]
-                and series[-2].name not in self._earlier
-            )
+            before = {arrival.name for arrival in series[-2:-1]}
+            new = last not in self._recorded and before - self._earlier
             # If the next image arrives early, there is no gap: this one was only delayed.
             if new and follows_gap(series, interval_s) and self._files.age_s(last) < 2 * interval_s:
-                series = series[:-1]
+                series.pop()
         series_recorded = {
             name: index
             for name, index in self._recorded.items()
@@ -288,9 +281,9 @@ class _Watcher:
         named |= {n: i for n, i in self._recorded.items() if n not in series_recorded}
         match = match_shots(
             series,
-            [Path(shot.file).stem for shot in self._watch.shots],
+            [Path(file).stem for file in self._shot_files],
             series_recorded,
-            Rule(self._watch.gaps, interval_s),
+            Rule(self.watch.gaps, interval_s),
             named=named,
             waiting=waiting,
             earlier=self._earlier,
@@ -300,8 +293,7 @@ class _Watcher:
 
     def _record(self, match: Match) -> bool:
         """Record the matched images; return whether there were any."""
-        for notice in match.unused:
-            self._say(notice)
+        self._say(*match.unused)
         new = list(match.shots.items())
         for name, index in new:
             image = self._files.take(name)
@@ -314,15 +306,14 @@ class _Watcher:
                     return True  # the files after it have to be matched again
                 text = f"has the same pixels as {other}: the camera or the program repeats an image"
                 self._say(Notice("image-repeated", text, name))
-            for notice in match.notices.get(name, ()):
-                self._say(notice)
-            line = write_imported(self._open(image), self._watch.shots[index], image)
+            self._say(*match.notices.get(name, ()))
+            line = write_imported(self._open(image), self.watch.shots[index], image)
             self._mark(line, name, index)
-            self._tell(f"{name} is {Path(line.file).stem}")
-            shots = len(self._watch.shots)
-            self._on_progress("watching", shots - len(self._missing), shots)
+            self.tell(f"{name} is {Path(line.file).stem}")
+            shots = len(self.watch.shots)
+            self.on_progress("watching", shots - len(self._missing), shots)
         missing = self._missing
-        if new and missing and len(self._watch.shots) - 1 in self._recorded.values():
+        if new and missing and len(self.watch.shots) - 1 in self._recorded.values():
             text = (
                 "the last shot is recorded, but "
                 f"{pluralize(len(missing), 'shot before it is', 'shots before it are')} missing: "
@@ -336,8 +327,7 @@ class _Watcher:
         """Return the writer; the first image determines the camera of the session."""
         if self._first is None:
             self._first = image
-            for notice in orientation_notices(image.facts, image.path.name):
-                self._say(notice)
+            self._say(*orientation_notices(image.facts, image.path.name))
         image.facts.check_alike(self._first.facts)
         image.check_like(self._first)
         transfer = self._transfer(image)
@@ -351,29 +341,28 @@ class _Watcher:
                 self._say(high_bits_notice(bits, image.path.name))
                 camera["white_level_dn"] = white_level_of(bits)
             manifest = Manifest.begin(
-                self._out,
+                self.out,
                 camera=camera,
-                plan=self._watch.plan,
-                labels=self._labels,
+                plan=self.watch.plan,
+                labels=self.labels,
                 calibrations=Calibrations(lights=self._lights),
                 transfer=TransferRecord.of(transfer),
             )
-            self._writer = SessionWriter.create(self._out, manifest)
-            self._writer.write_event(
-                _WATCHED, shots=shot_files(self._watch.shots), **camera_metadata(image)
-            )
+            self._writer = SessionWriter.create(self.out, manifest)
+            details = camera_metadata(image)
+            self._writer.write_event(_WATCHED, shots=self._shot_files, **details)
         return self._writer
 
     def _transfer(self, image: ImportedImage) -> TransferCurve:
         """Return the transfer curve of an image, which must be that of the session."""
         stated = image.facts.transfer
-        if self._watch.transfer is not None:
-            curve, why = self._watch.transfer, "given"
+        if self.watch.transfer is not None:
+            curve, why = self.watch.transfer, "given"
         else:
             curve, why = stated.curve, stated.origin
-            white, name = image.white_level_dn, image.path.name
-            for notice in transfer_notices(curve, why, white, name) if self._writer is None else ():
-                self._say(notice)
+            if self._writer is None:
+                white, name = image.white_level_dn, image.path.name
+                self._say(*transfer_notices(curve, why, white, name))
         if self._writer is None:
             return curve
         record = self._writer.manifest.transfer
@@ -385,28 +374,20 @@ class _Watcher:
             )
         return curve
 
-    def _say(self, notice: Notice) -> None:
-        """Report a notice, but only once."""
-        if notice not in self._said:
-            self._said[notice] = None
-            self._tell(str(notice))
+    def _say(self, *notices: Notice) -> None:
+        """Report notices, but each only once."""
+        for notice in notices:
+            if notice not in self._said:
+                self._said[notice] = None
+                self.tell(str(notice))
 
     def _result(self) -> WatchResult:
         if self._writer is None:
             reason = next((f"{line}; " for line in self._files.damaged), "")
             raise DataError(
-                f"{reason}{self._watch.folder}: no image appeared within "
-                f"{self._watch.timeout_s:g} s"
+                f"{reason}{self.watch.folder}: no image appeared within {self.watch.timeout_s:g} s"
             )
-        if self._complete:
+        if not self._missing:
             self._writer.complete()
         self._writer.close()
-        return WatchResult(Session.open(self._out), self._missing, tuple(self._said))
-
-
-def _shot_of(details: dict[str, Any]) -> ShotFacts:
-    """Return the settings of the first image that the event of a watch has recorded."""
-    stated: dict[str, Any] = {
-        name: details.get(name) for name in ("iso", "f_number", "orientation")
-    }
-    return ShotFacts(**stated)
+        return WatchResult(Session.open(self.out), self._missing, tuple(self._said))

@@ -41,6 +41,7 @@ class _File:
     image: ImportedImage | None = field(default=None, repr=False)
 
 
+@dataclass(eq=False)
 class WatchedFolder:
     """Images in a folder; an image counts when its file is unchanged for a while and decodes.
 
@@ -62,21 +63,15 @@ class WatchedFolder:
         Time for which the first JPEGs wait for a camera RAW file, seconds.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        settle_s: float,
-        say: Callable[[Notice], None],
-        max_pixels: int = MAX_PIXELS,
-        pair_s: float = 0.0,
-    ) -> None:
-        self.folder = folder
-        self._pair_s = pair_s
+    folder: Path
+    settle_s: float
+    say: Callable[[Notice], None]
+    max_pixels: int = MAX_PIXELS
+    pair_s: float = 0.0
+
+    def __post_init__(self) -> None:
         self._pair_since_s: float | None = None
         self._raw: bool | None = None  # whether the session holds camera RAW, if known
-        self._settle_s = settle_s
-        self._say = say
-        self._max_pixels = max_pixels
         self._files: dict[str, _File] = {}
         self._recorded: dict[str, Recorded] = {}
         self._unchanged: dict[str, tuple[int, int]] = {}
@@ -137,31 +132,31 @@ class WatchedFolder:
         if self._raw is None:
             if self._pair_since_s is None and any(map(_of_pair, others)):
                 self._pair_since_s = now
-                if self._pair_s > 0:
-                    text = f"the first JPEG waits {self._pair_s:g} s for a camera RAW file"
-                    self._say(Notice("raw-awaited", text, str(self.folder), "info"))
+                if self.pair_s > 0:
+                    text = f"the first JPEG waits {self.pair_s:g} s for a camera RAW file"
+                    self.say(Notice("raw-awaited", text, str(self.folder), "info"))
             return others
         twins = {Path(name).stem.casefold() for name in raw}
         twins &= {Path(name).stem.casefold() for name in others}
         if twins and self._raw:
-            self._say(raw_preferred_notice(None, str(self.folder)))
+            self.say(raw_preferred_notice(None, str(self.folder)))
         elif raw and not self._raw:
             text = (
                 "camera RAW files are ignored, because the session began with other images: to "
                 "record the RAW files, import the folder into a new session"
             )
-            self._say(Notice("raw-too-late", text, str(self.folder)))
+            self.say(Notice("raw-too-late", text, str(self.folder)))
         return raw if self._raw else others
 
     def wait_no_longer(self) -> None:
         """Let JPEGs count although no camera RAW file has appeared."""
-        self._pair_s = 0.0
+        self.pair_s = 0.0
 
     def _awaits_raw(self, name: str) -> bool:
         """Return whether the same exposure may still appear as camera RAW."""
         if self._raw is not None or self._pair_since_s is None or not _of_pair(name):
             return False
-        return time.monotonic() - self._pair_since_s < self._pair_s
+        return time.monotonic() - self._pair_since_s < self.pair_s
 
     def age_s(self, name: str) -> float:
         """Return the time for which a file has been unchanged, seconds."""
@@ -173,8 +168,7 @@ class WatchedFolder:
         if name in self._recorded:
             file.arrival = file.arrival or Arrival(name, file.state[1] / 1e9)
         elif file.arrival is None and not file.complaint and not self._awaits_raw(name):
-            settled = self.age_s(name) >= self._settle_s and file.state[0] > 0
-            image = self._read(name) if settled else None
+            image = self._settled_image(name)
             if image is not None:
                 taken = image.facts.shot.taken
                 taken_s = None if taken is None else taken.timestamp()
@@ -193,7 +187,7 @@ class WatchedFolder:
         """
         image, self._files[name].image = self._files[name].image, None
         try:
-            return image or read_for_import(self.folder / name, max_pixels=self._max_pixels)
+            return image or read_for_import(self.folder / name, max_pixels=self.max_pixels)
         except MissingPathError as error:
             raise DataError(str(error)) from error
 
@@ -212,23 +206,24 @@ class WatchedFolder:
             if older or self._unchanged.get(name) == file.state:
                 self._unchanged[name] = file.state
                 continue
-            settled = self.age_s(name) >= self._settle_s and file.state[0] > 0
-            image = self._read(name) if settled and not file.complaint else None
+            image = None if file.complaint else self._settled_image(name)
             if image is None:
                 continue
             self._unchanged[name] = file.state
             if pixels_sha256(image.pixels) != recorded.pixels_sha256:
                 text = "was overwritten after it was recorded; the session holds the earlier image"
-                self._say(Notice("image-overwritten", text, name))
+                self.say(Notice("image-overwritten", text, name))
 
-    def _read(self, name: str) -> ImportedImage | None:
-        """Return an image, or None if it does not decode, which is reported."""
+    def _settled_image(self, name: str) -> ImportedImage | None:
+        """Return an image, or None if its file changes or does not decode, which is reported."""
+        if self.age_s(name) < self.settle_s or not self._files[name].state[0]:
+            return None
         try:
-            return read_for_import(self.folder / name, max_pixels=self._max_pixels)
+            return read_for_import(self.folder / name, max_pixels=self.max_pixels)
         except (DataError, MissingPathError) as error:
             self._files[name].complaint = str(error)
             text = f"waiting for the rest of the file: {error}"
-            self._say(Notice("image-not-complete", text))
+            self.say(Notice("image-not-complete", text))
         return None
 
 

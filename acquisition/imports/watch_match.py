@@ -253,10 +253,8 @@ class _Matching:
                     f"the interval is {interval_s:.1f} s"
                 )
         if empty > 0:
-            notice = Notice(
-                "images-missing", f"{pluralize(empty, 'image is', 'images are')} {text}"
-            )
-            self.match.notices.setdefault(arrival.name, []).append(notice)
+            text = f"{pluralize(empty, 'image is', 'images are')} {text}"
+            self.match.notices.setdefault(arrival.name, []).append(Notice("images-missing", text))
 
 
 def _seconds(before: Arrival, arrival: Arrival, interval_s: float) -> float | None:

@@ -71,11 +71,6 @@ def lights_in_order(leds: int | Iterable[int]) -> tuple[PlannedShot, ...]:
     return tuple(PlannedShot("light", led, 0, 0, None) for led in numbers)
 
 
-def shot_files(shots: Sequence[PlannedShot]) -> list[str]:
-    """Return the file names of the shots."""
-    return [shot.file for shot in shots]
-
-
 def shots_by_name(shots: Sequence[PlannedShot]) -> dict[str, int]:
     """Return the index of each shot by the file names that select it.
 

@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from acquisition.mesh_files.glb_accessors import Accessors, as_count, refuse_coded
-from acquisition.mesh_files.mesh_file import MeshFile
+from acquisition.mesh_files.mesh_file import SHORTER, MeshFile
 from rig import Notice, UnreadableError, pluralize
 from rig.arrays import Float64, Int64
 from rig.files import convert_parser_errors, parse_json
@@ -25,6 +25,10 @@ _JSON, _BIN = 0x4E4F534A, 0x004E4942
 _INSTANCING: Final = "EXT_mesh_gpu_instancing"
 _VISIBILITY: Final = "KHR_node_visibility"
 _APPLIED: Final = (_INSTANCING, _VISIBILITY, "KHR_mesh_quantization")
+# Parts of a transformation, each as it is where none is stated.
+_UNMOVED: Final = {
+    "translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0)
+}  # fmt: skip
 # Modes of primitives that are points or lines.
 _NO_SURFACE: Final = (0, 1, 2, 3)
 # Extensions with these beginnings change colours, lights and pictures, not the surface.
@@ -119,7 +123,7 @@ def _chunks(data: bytes) -> tuple[dict[str, Any], memoryview]:
     if magic != _MAGIC or version != _VERSION or kind != _JSON:
         raise UnreadableError("not a GLB file of version 2")
     if length > len(data) or size > length - 20:
-        raise UnreadableError("truncated: shorter than its header says: get the complete file")
+        raise UnreadableError(SHORTER)
     if data[length:].strip(b"\0\r\n\t "):
         raise UnreadableError(f"it has {len(data) - length} bytes more than its header states")
     # Each primitive has this key; a million of them would take long to parse.
@@ -193,8 +197,7 @@ def _shown(content: dict[str, Any]) -> dict[int, Float64]:
 def _own_matrix(node: dict[str, Any]) -> Float64:
     if "matrix" in node:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T
-    parts = (node.get("translation", (0, 0, 0)), node.get("rotation", (0, 0, 0, 1)))
-    return _matrix(*(np.array(one, np.float64) for one in (*parts, node.get("scale", (1, 1, 1)))))
+    return _matrix(*(np.array(node.get(name, one), np.float64) for name, one in _UNMOVED.items()))
 
 
 def _matrix(translation: Float64, rotation: Float64, scale: Float64) -> Float64:
@@ -214,7 +217,7 @@ def _matrix(translation: Float64, rotation: Float64, scale: Float64) -> Float64:
 
 def _instances(node: dict[str, Any]) -> dict[str, Any]:
     found: dict[str, Any] = node.get("extensions", {}).get(_INSTANCING, {}).get("attributes", {})
-    return {key: found[key] for key in ("TRANSLATION", "ROTATION", "SCALE") if key in found}
+    return {name: found[name.upper()] for name in _UNMOVED if name.upper() in found}
 
 
 def _copies(node: dict[str, Any], accessors: Accessors) -> Iterator[Float64]:
@@ -224,41 +227,31 @@ def _copies(node: dict[str, Any], accessors: Accessors) -> Iterator[Float64]:
         yield np.eye(4)
         return
     values = {
-        key: accessors.table(place, "VEC4" if key == "ROTATION" else "VEC3").astype(np.float64)
-        for key, place in places.items()
+        name: accessors.table(place, f"VEC{len(_UNMOVED[name])}").astype(np.float64)
+        for name, place in places.items()
     }
     count = min(map(len, values.values()))
-    moves = values.get("TRANSLATION", np.zeros((count, 3)))
-    turns = values.get("ROTATION", np.tile([0.0, 0.0, 0.0, 1.0], (count, 1)))
-    scales = values.get("SCALE", np.ones((count, 3)))
-    yield from map(_matrix, moves, turns, scales)
+    columns = (values.get(name, np.tile(one, (count, 1))) for name, one in _UNMOVED.items())
+    for parts in zip(*columns, strict=False):
+        yield _matrix(*parts)
 
 
 def _check_sizes(content: dict[str, Any], accessors: Accessors, shown: dict[int, Float64]) -> None:
     """Refuse files whose primitives or copies would take too much time or memory."""
-    meshes, nodes = content.get("meshes", []), content.get("nodes", [])
-    sizes, parts = [], []
-    for mesh in meshes:
-        primitives = mesh["primitives"]
-        parts.append(len(primitives))
-        if len(primitives) > _MOST_PARTS:
-            break
-        sizes.append(
-            sum(
-                accessors.count(one["attributes"]["POSITION"])
-                + (accessors.count(one["indices"]) if "indices" in one else 0)
-                for one in primitives
-            )
-        )
+    meshes = [mesh["primitives"] for mesh in content.get("meshes", [])]
+    parts = list(map(len, meshes))
     if sum(parts) > _MOST_PARTS:
         raise _too_many()
+
+    def size(part: dict[str, Any]) -> int:
+        corners = accessors.count(part["indices"]) if "indices" in part else 0
+        return accessors.count(part["attributes"]["POSITION"]) + corners
+
+    sizes = [sum(map(size, primitives)) for primitives in meshes]
+    drawn = [node for n in shown if "mesh" in (node := content["nodes"][n])]
     copies = [
-        (
-            as_count(nodes[n]["mesh"]),
-            min(map(accessors.count, _instances(nodes[n]).values()), default=1),
-        )
-        for n in shown
-        if "mesh" in nodes[n]
+        (as_count(node["mesh"]), min(map(accessors.count, _instances(node).values()), default=1))
+        for node in drawn
     ]
     if sum(parts[mesh] * count for mesh, count in copies) > _MOST_PARTS:
         raise UnreadableError(

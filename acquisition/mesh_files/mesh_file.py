@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from rig import Notice, UnreadableError, short_repr
 from rig.arrays import AnyArray, Float64, Int64
+
+SHORTER: Final = "truncated: shorter than its header says: get the complete file"
 
 
 @dataclass(frozen=True, eq=False)

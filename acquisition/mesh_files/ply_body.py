@@ -113,10 +113,10 @@ def read_body(data: memoryview, order: str, elements: tuple[Element, ...]) -> di
         states, or a value is not a number.
     """
     if order:
-        return dict(_binary(data, order, elements))
+        return dict(_Body(data, order).tables(elements))
     text = bytes(data)
     try:
-        tables = dict(_text(numbers_of(text), elements))
+        tables = dict(_Body(numbers_of(text).view(np.uint8).data, "").tables(elements))
     except UnreadableError:
         _check_rows(text, elements)  # it can say more
         raise
@@ -167,147 +167,125 @@ def _check_rows(text: bytes, elements: tuple[Element, ...]) -> None:
         )
 
 
-def _text(numbers: Float64, elements: tuple[Element, ...]) -> Iterator[tuple[str, Table]]:
-    at = 0
-    for element in elements:
-        _check_room(element, element.count * len(element.properties), len(numbers) - at)
-        if not element.properties:
-            continue
-        sizes = _row_sizes_alike(element, numbers[at:])
-        if sizes is not None:
-            width = sum(sizes)
-            rows = numbers[at : at + element.count * width].reshape(element.count, width)
-            yield element.name, _of_rows(element, rows, sizes)
-            at += element.count * width
-        else:
-            table, at = _chased(element, numbers, at)
-            yield element.name, table
+@dataclass(frozen=True)
+class _Body:
+    """The rows of all elements as bytes; the numbers of a text are doubles, without an order."""
 
+    data: memoryview
+    order: str
 
-def _row_sizes_alike(element: Element, numbers: Float64) -> list[int] | None:
-    """Return the count of numbers per property if it is the same in all rows, else None."""
-    sizes = []
-    at = 0
-    for one in element.properties:
-        length = _length(numbers, at) if one.count and element.count else 0
-        sizes.append(1 + length)
-        at += 1 + length
-    if at * element.count > len(numbers):
-        return None
-    rows = numbers[: at * element.count].reshape(element.count, at)
-    begin = 0
-    for one, size in zip(element.properties, sizes, strict=True):
-        if one.count and not (rows[:, begin] == size - 1).all():
-            return None
-        begin += size
-    return sizes
+    def tables(self, elements: tuple[Element, ...]) -> Iterator[tuple[str, Table]]:
+        """Yield the rows of each element."""
+        at = 0
+        for element in elements:
+            least = sum(self._type(one.count or one.kind).itemsize for one in element.properties)
+            if at + element.count * least > len(self.data):
+                raise _truncated(element)
+            if not element.properties:
+                continue
+            rows = self._rows_alike(element, at)
+            if rows is not None:
+                yield element.name, _of_records(element, rows)
+                at += rows.nbytes
+            else:
+                table, at = self._chased(element, at)
+                yield element.name, table
+        # Some programs end a file with a line break, and some fill it up to a round size.
+        if self.order and (more := len(bytes(self.data[at:]).strip(b"\0\r\n\t "))):
+            raise UnreadableError(
+                f"it has about {more} bytes more than its header states: correct the header"
+            )
 
+    def _type(self, kind: str) -> np.dtype[Any]:
+        return np.dtype(self.order + kind if self.order else "f8")
 
-def _of_rows(element: Element, rows: Float64, sizes: list[int]) -> Table:
-    columns: dict[str, Float64] = {}
-    lists: dict[str, Lists] = {}
-    begin = 0
-    for one, size in zip(element.properties, sizes, strict=True):
-        if one.count:
-            lengths = np.full(len(rows), size - 1, np.int64)
-            lists[one.name] = Lists(lengths, rows[:, begin + 1 : begin + size].ravel())
-        else:
-            columns[one.name] = rows[:, begin]
-        begin += size
-    return Table(columns, lists)
-
-
-def _chased(element: Element, numbers: Float64, at: int) -> tuple[Table, int]:
-    """Read rows of different lengths, one after another."""
-    places: dict[str, list[int]] = {one.name: [] for one in element.properties}
-    lengths: dict[str, list[int]] = {one.name: [] for one in element.lists}
-    for _ in range(element.count):
+    def _rows_alike(self, element: Element, begin: int) -> AnyArray | None:
+        """Read rows if all their lists have the lengths of the first row, else return None."""
+        fields: list[Any] = []
+        at = begin
         for one in element.properties:
-            places[one.name].append(at)
+            kind = self._type(one.kind)
             if one.count:
-                length = _length(numbers, at)
-                lengths[one.name].append(length)
-                at += length
-            at += 1
-    if at > len(numbers):
-        raise _truncated(element)
-    lists = {}
-    for name, counts in lengths.items():
-        begins = np.array(places.pop(name), np.int64) + 1
-        picked = numbers[_ranges(begins, np.array(counts, np.int64))]
-        lists[name] = Lists(np.array(counts, np.int64), picked)
-    return Table({name: numbers[where] for name, where in places.items()}, lists), at
+                count = self._type(one.count)
+                length = self._length_at(at, _reader(count), begin) if element.count else 0
+                fields += [(_count_of(one), count), (one.name, kind, (length,))]
+                at += count.itemsize + length * kind.itemsize
+            else:
+                fields.append((one.name, kind))
+                at += kind.itemsize
+            if self.order and at > len(self.data) and element.count:
+                raise _truncated(element)
+        row = np.dtype(fields)
+        if row.itemsize * element.count > len(self.data) - begin:
+            return None
+        rows = np.frombuffer(self.data, row, element.count, begin)
+        alike = (rows[_count_of(one)] == rows[one.name].shape[1] for one in element.lists)
+        return rows if all(each.all() for each in alike) else None
 
-
-def _length(numbers: Float64, at: int) -> int:
-    """Return the length of the list that begins at ``at``."""
-    if at >= len(numbers):
-        raise UnreadableError("truncated: it ends within a list: get the complete file")
-    length = numbers[at]
-    if not (0 <= length <= len(numbers) and length == int(length)):
-        raise UnreadableError(f"a list of {length:g} numbers: the file is damaged")
-    return int(length)
-
-
-def _binary(
-    data: memoryview, order: str, elements: tuple[Element, ...]
-) -> Iterator[tuple[str, Table]]:
-    for element in elements:
-        least = sum(np.dtype(one.count or one.kind).itemsize for one in element.properties)
-        _check_room(element, element.count * least, len(data))
-        if not element.properties:
-            continue
-        rows, data = _rows_alike(data, order, element)
-        if rows is not None:
-            yield element.name, _of_records(element, rows)
-        else:
-            table, data = _chased_bytes(data, order, element)
-            yield element.name, table
-    # Some programs end a file with a line break, and some fill it up to a round size.
-    if more := len(bytes(data).strip(b"\0\r\n\t ")):
-        raise UnreadableError(
-            f"it has about {more} bytes more than its header states: correct the header"
-        )
-
-
-def _rows_alike(
-    data: memoryview, order: str, element: Element
-) -> tuple[AnyArray | None, memoryview]:
-    """Read rows if all their lists have the lengths of the first row, else return None."""
-    fields: list[Any] = []
-    at = 0
-    for one in element.properties:
-        kind = np.dtype(order + one.kind)
-        if one.count and element.count:
-            count = np.dtype(order + one.count)
-            length = _length_at(data, at, _reader(count))
-            fields += [(f"#{one.name}", count), (one.name, kind, (length,))]
-            at += count.itemsize + length * kind.itemsize
-        else:
-            fields.append((one.name, kind))
-            at += kind.itemsize
-        if at > len(data) and element.count:
+    def _chased(self, element: Element, begin: int) -> tuple[Table, int]:
+        """Read rows of different lengths, one after another; return the place after them, too."""
+        kinds = {one.name: self._type(one.kind) for one in element.properties}
+        readers = {one.name: _reader(self._type(one.count)) for one in element.lists}
+        places: dict[str, list[int]] = {name: [] for name in kinds}
+        lengths: dict[str, list[int]] = {name: [] for name in readers}
+        steps = [(name, kind.itemsize, readers.get(name)) for name, kind in kinds.items()]
+        at = begin
+        # In a text, only the lists of the first row are compared with the numbers that are left.
+        most_after = begin if self.order else 0
+        for _ in range(element.count):
+            for name, size, count in steps:
+                length = 1
+                if count is not None:
+                    length = self._length_at(at, count, most_after)
+                    lengths[name].append(length)
+                    at += count.size
+                places[name].append(at)
+                at += size * length
+        if at > len(self.data):
             raise _truncated(element)
-    row = np.dtype(fields)
-    if row.itemsize * element.count > len(data):
-        return None, data
-    rows = np.frombuffer(data, row, element.count)
-    for one in element.lists if element.count else ():
-        if not (rows[f"#{one.name}"] == rows[one.name].shape[1]).all():
-            return None, data
-    return rows, data[row.itemsize * element.count :]
+
+        def values(name: str, counts: Int64) -> AnyArray:
+            kind = kinds[name]
+            anywhere = max(len(self.data) - kind.itemsize + 1, 0)
+            overlapping: AnyArray = np.ndarray((anywhere,), kind, self.data, 0, (1,))
+            return overlapping[_ranges(np.array(places[name], np.int64), counts, kind.itemsize)]
+
+        lists = {}
+        for name, each in lengths.items():
+            counts = np.array(each, np.int64)
+            lists[name] = Lists(counts, values(name, counts))
+        once = np.ones(element.count, np.int64)
+        columns = {name: _as_double(values(name, once)) for name in kinds if name not in lists}
+        return Table(columns, lists), at
+
+    def _length_at(self, at: int, reader: struct.Struct, begin: int) -> int:
+        """Return the length of the list at a place, at most that of the data after ``begin``."""
+        if at + reader.size > len(self.data):
+            raise UnreadableError("truncated: it ends within a list: get the complete file")
+        (length,) = reader.unpack_from(self.data, at)
+        most = (len(self.data) - begin) // (1 if self.order else reader.size)
+        if not (0 <= length <= most and length == int(length)):
+            said = f"{length}" if self.order else f"{length:g}"
+            damaged = "damaged or truncated" if self.order else "damaged"
+            raise UnreadableError(f"a list of {said} numbers: the file is {damaged}")
+        return int(length)
+
+
+def _count_of(one: Property) -> str:
+    # No property has a name with a space.
+    return f"count {one.name}"
 
 
 def _of_records(element: Element, rows: AnyArray) -> Table:
     columns: dict[str, Float64] = {}
     lists: dict[str, Lists] = {}
     for one in element.properties:
+        values = rows[one.name]
         if one.count:
-            values = rows[one.name].reshape(len(rows), -1) if len(rows) else np.zeros((0, 0))
             lengths = np.full(len(rows), values.shape[1], np.int64)
             lists[one.name] = Lists(lengths, values.ravel())
         else:
-            columns[one.name] = _as_double(rows[one.name])
+            columns[one.name] = _as_double(values)
     return Table(columns, lists)
 
 
@@ -316,76 +294,15 @@ def _as_double(values: AnyArray) -> Float64:
         return values.astype(np.float64)
 
 
-def _chased_bytes(data: memoryview, order: str, element: Element) -> tuple[Table, memoryview]:
-    """Read rows of different lengths, one after another."""
-    kinds = {one.name: np.dtype(order + one.kind) for one in element.properties}
-    places: dict[str, list[int]] = {one.name: [] for one in element.properties}
-    lengths: dict[str, list[int]] = {one.name: [] for one in element.lists}
-    steps = [
-        (
-            one.name,
-            kinds[one.name].itemsize,
-            _reader(np.dtype(order + one.count)) if one.count else None,
-        )
-        for one in element.properties
-    ]
-    at = 0
-    for _ in range(element.count):
-        for name, size, count in steps:
-            if count is not None:
-                length = _length_at(data, at, count)
-                at += count.size
-                lengths[name].append(length)
-                places[name].append(at)
-                at += size * length
-            else:
-                places[name].append(at)
-                at += size
-    if at > len(data):
-        raise _truncated(element)
-    content = np.frombuffer(data, np.uint8)
-
-    def values(name: str, counts: Int64) -> AnyArray:
-        size = kinds[name].itemsize
-        picked = content[_ranges(np.array(places[name], np.int64), counts * size)]
-        return picked.view(kinds[name])
-
-    lists = {
-        name: Lists(np.array(counts, np.int64), values(name, np.array(counts, np.int64)))
-        for name, counts in lengths.items()
-    }
-    once = np.ones(element.count, np.int64)
-    columns = {
-        one.name: _as_double(values(one.name, once)) for one in element.properties if not one.count
-    }
-    return Table(columns, lists), data[at:]
-
-
 def _reader(kind: np.dtype[Any]) -> struct.Struct:
     """Return a struct that reads one number of a type, which is faster than NumPy."""
     return struct.Struct((">" if kind.str[0] == ">" else "<") + kind.char)
 
 
-def _length_at(data: memoryview, at: int, reader: struct.Struct) -> int:
-    """Return the length of the list that begins at ``at``."""
-    if at + reader.size > len(data):
-        raise UnreadableError("truncated: it ends within a list: get the complete file")
-    (length,) = reader.unpack_from(data, at)
-    if not 0 <= length <= len(data):
-        raise UnreadableError(f"a list of {length} numbers: the file is damaged or truncated")
-    return int(length)
-
-
-def _ranges(begins: Int64, lengths: Int64) -> Int64:
-    """Return the concatenated index ranges ``begin, begin + 1, ...`` of the given lengths."""
-    ends = np.cumsum(lengths)
-    total = int(ends[-1]) if len(ends) else 0
-    return np.asarray(np.arange(total) + np.repeat(begins - (ends - lengths), lengths), np.int64)
-
-
-def _check_room(element: Element, needed: int, available: int) -> None:
-    if needed > available:
-        raise _truncated(element)
+def _ranges(begins: Int64, lengths: Int64, step: int) -> Int64:
+    """Return the concatenated ranges ``begin, begin + step, ...`` of the given lengths."""
+    within = np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+    return np.asarray(np.repeat(begins, lengths) + step * within, np.int64)
 
 
 def _truncated(element: Element) -> UnreadableError:

@@ -20,7 +20,12 @@ from acquisition.mesh_files.xyz import read_xyz
 from rig import UnreadableError, read_bounded
 from rig.files import MAX_BINARY_BYTES, read_head
 
-MESH_SUFFIXES: Final = (".obj", ".ply", ".stl", ".glb", ".off", ".xyz")
+_READERS: Final = {
+    ".obj": read_obj, ".ply": read_ply, ".stl": read_stl, ".glb": read_glb, ".off": read_off,
+    ".xyz": read_xyz,
+}  # fmt: skip
+MESH_SUFFIXES: Final = tuple(_READERS)
+_TEXTS: Final = (".obj", ".off")
 # With larger coordinates, areas and lengths would overflow.
 _LARGEST: Final = 1e30
 _LONG_NUMBER = re.compile(rb"\d{300}")
@@ -66,19 +71,7 @@ def read_mesh_file(path: str | Path) -> MeshFile:
     # Vertices that are not finite are reported later.
     with convert_read_errors(file), np.errstate(all="ignore"):
         data = read_bounded(file, MAX_BINARY_BYTES)
-        match suffix:
-            case ".ply":
-                mesh = read_ply(data)
-            case ".stl":
-                mesh = read_stl(data)
-            case ".xyz":
-                mesh = read_xyz(data)
-            case ".glb":
-                mesh = read_glb(data)
-            case ".off":
-                mesh = read_off(_text_of(data))
-            case _:
-                mesh = read_obj(_text_of(data))
+        mesh = _READERS[suffix](_text_of(data) if suffix in _TEXTS else data)
         far = np.abs(mesh.vertices) > _LARGEST
         if (far & np.isfinite(mesh.vertices)).any():
             raise UnreadableError(

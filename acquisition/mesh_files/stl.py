@@ -7,9 +7,9 @@ from typing import Final
 
 import numpy as np
 
-from acquisition.mesh_files.mesh_file import MeshFile, numbers_of
+from acquisition.mesh_files.mesh_file import SHORTER, MeshFile, numbers_of
 from rig import Notice, UnreadableError
-from rig.arrays import Float32
+from rig.arrays import Float32, Float64
 
 _HEAD: Final = 84
 _FACET: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
@@ -30,7 +30,7 @@ def read_stl(data: bytes) -> MeshFile:
     if data.lstrip()[:5].lower() == b"solid" and not _is_binary(data):
         return _text(data)
     if len(data) < _HEAD:
-        raise UnreadableError("truncated: shorter than its header says: get the complete file")
+        raise UnreadableError(SHORTER)
     solids: list[Float32] = []
     rest = memoryview(data)
     while not solids or bytes(rest).strip(_FILL):
@@ -38,9 +38,7 @@ def read_stl(data: bytes) -> MeshFile:
         size = _HEAD + count * _FACET.itemsize
         if len(rest) < max(size, _HEAD):
             if not solids:
-                raise UnreadableError(
-                    "truncated: shorter than its header says: get the complete file"
-                )
+                raise UnreadableError(SHORTER)
             stated = sum(len(solid) for solid in solids)
             raise UnreadableError(
                 f"it has {len(rest)} bytes ({len(rest) / _FACET.itemsize:.4g} triangles) beyond "
@@ -49,10 +47,7 @@ def read_stl(data: bytes) -> MeshFile:
             )
         solids.append(np.frombuffer(rest, _FACET, count, _HEAD)["corners"].reshape(-1, 3, 3))
         rest = rest[size:]
-    corners = np.concatenate(solids).reshape(-1, 3)
-    return MeshFile(
-        corners.astype(np.float64), _each_three(len(corners)), None, _joined(len(solids))
-    )
+    return _mesh(np.concatenate(solids).astype(np.float64), len(solids))
 
 
 def _is_binary(data: bytes) -> bool:
@@ -75,14 +70,11 @@ def _text(data: bytes) -> MeshFile:
     numbers = numbers_of(b" ".join(b" ".join(words[at + 1 : at + 4]) for at in places))
     if len(numbers) != 3 * len(places):
         raise UnreadableError("a vertex that is not three numbers")
-    return MeshFile(numbers.reshape(-1, 3), _each_three(len(places)), None, _joined(solids))
+    return _mesh(numbers, solids)
 
 
-def _joined(solids: int) -> tuple[Notice, ...]:
-    if solids < 2:
-        return ()
-    return (Notice("solids-joined", f"the file contains {solids} solids; all of them are read"),)
-
-
-def _each_three(count: int) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
-    return np.arange(count, dtype=np.int64).reshape(-1, 3)
+def _mesh(corners: Float64, solids: int) -> MeshFile:
+    text = f"the file contains {solids} solids; all of them are read"
+    notices = (Notice("solids-joined", text),) if solids > 1 else ()
+    vertices = corners.reshape(-1, 3)
+    return MeshFile(vertices, np.arange(len(vertices)).reshape(-1, 3), None, notices)

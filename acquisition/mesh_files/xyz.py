@@ -58,19 +58,19 @@ def read_xyz(data: bytes) -> MeshFile:
 def _separated(lines: list[bytes]) -> tuple[list[bytes], list[Notice]]:
     """Separate the numbers by spaces, and write decimal points."""
     text = b"\n".join(lines)
-    if b"," not in text:
-        return text.replace(b";", b" ").split(b"\n"), []
-    between_digits = text.count(b",") == len(re.findall(rb"\d,(?=\d)", text))
-    other = all(re.search(rb"[;\s]", line.strip()) for line in lines)
-    if other and between_digits and b"." not in text:
-        notice = Notice("decimal-commas", "the commas are read as decimal commas")
-        return text.replace(b",", b".").replace(b";", b" ").split(b"\n"), [notice]
-    # An integer does not begin with 0, the digits after a decimal comma do.
-    if b"." not in text and re.search(rb"\d,0\d", text):
-        raise UnreadableError(
-            "commas that may be decimal or separate the columns: save it with decimal points"
-        )
-    return text.replace(b",", b" ").replace(b";", b" ").split(b"\n"), []
+    comma, notices = b" ", []
+    if b"," in text and b"." not in text:
+        between_digits = text.count(b",") == len(re.findall(rb"\d,(?=\d)", text))
+        other = all(re.search(rb"[;\s]", line.strip()) for line in lines)
+        if other and between_digits:
+            comma = b"."
+            notices.append(Notice("decimal-commas", "the commas are read as decimal commas"))
+        # An integer does not begin with 0, the digits after a decimal comma do.
+        elif re.search(rb"\d,0\d", text):
+            raise UnreadableError(
+                "commas that may be decimal or separate the columns: save it with decimal points"
+            )
+    return text.replace(b",", comma).replace(b";", b" ").split(b"\n"), notices
 
 
 def _begin_of_normals(table: Float64) -> int | None:

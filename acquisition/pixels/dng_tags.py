@@ -15,11 +15,11 @@ from typing import BinaryIO, Final
 
 import numpy as np
 
+from acquisition.pixels.exif_block import FORMATS, Entry, Form
 from rig import UnreadableError
 from rig.arrays import Float64, Int64, Str
 
 Tags = Mapping[int, tuple[float, ...]]
-_Entry = tuple[int, int, int, bytes]
 
 _SUBFILE, _COMPRESSION, _PHOTOMETRIC, _SAMPLES, _SUBIFDS, _FORMAT = 254, 259, 262, 277, 330, 339
 _BLOCK_SIZE, _BLOCK, _VERSION, _LAYOUT = 33421, 33422, 50706, 50711
@@ -29,10 +29,6 @@ _READ: Final = {
     *(_SUBFILE, _COMPRESSION, _PHOTOMETRIC, _SAMPLES, _SUBIFDS, _FORMAT, _BLOCK_SIZE, _BLOCK),
     *(_VERSION, _LAYOUT, _REPEAT, _BLACK, _DELTA_H, _DELTA_V, _WHITE, _AREA),
 }
-# Code and size of the types of TIFF; rationals are two numbers.
-_TYPES: Final = {
-    1: "B", 3: "H", 4: "I", 5: "II", 6: "b", 8: "h", 9: "i", 10: "ii", 11: "f", 12: "d", 13: "I"
-}  # fmt: skip
 _RATIONALS: Final = (5, 10)
 # Rows or columns of the largest sensors are fewer; directories of DNG files are fewer than 16.
 _MOST_VALUES: Final = 1 << 17
@@ -58,16 +54,19 @@ def read_dng_tags(path: Path) -> Tags:
         order = {b"II*\0": "<", b"MM\0*": ">"}.get(head[:4])
         if order is None:
             return {}
+        form = Form(order, "H", "I")
         ahead = list(struct.unpack(f"{order}I", head[4:]))
         directories: list[Tags] = []
         while ahead and len(directories) < _MOST_DIRECTORIES:
-            entries, following = _directory(file, ahead.pop(0), order)
+            entries, following = form.directory(file, ahead.pop(0))
             # Another TIFF or RAW file; what its directories hold is left to LibRaw.
             if not directories and all(tag != _VERSION for tag, *_ in entries):
                 return {}
-            tags = _values(file, entries, order)
+            tags = _values(file, form, entries)
             directories.append(tags)
-            ahead += map(int, (*tags.get(_SUBIFDS, ()), *following))
+            ahead += map(int, tags.get(_SUBIFDS, ()))
+            if following:
+                ahead.append(following)
     return next(
         (
             tags
@@ -230,32 +229,18 @@ def _size(size: tuple[float, ...], count: int, name: str) -> tuple[int, int]:
     return rows, columns
 
 
-def _directory(file: BinaryIO, at: int, order: str) -> tuple[list[_Entry], list[int]]:
-    """Return the entries of a directory, and the place of the next directory if there is one."""
-    file.seek(at)
-    (count,) = struct.unpack(f"{order}H", file.read(2))
-    entries = file.read(12 * count)
-    following = [int.from_bytes(file.read(4), "little" if order == "<" else "big")]
-    whole = entries[: len(entries) // 12 * 12]
-    return list(struct.iter_unpack(f"{order}HHI4s", whole)), [place for place in following if place]
-
-
-def _values(file: BinaryIO, entries: list[_Entry], order: str) -> Tags:
+def _values(file: BinaryIO, form: Form, entries: list[Entry]) -> Tags:
     """Return the values of the known tags of a directory."""
     end = file.seek(0, os.SEEK_END)
     tags: dict[int, tuple[float, ...]] = {}
-    for tag, kind, count, value in entries:
-        if tag not in _READ or kind not in _TYPES or not count:
+    for tag, kind, count, field in entries:
+        if tag not in _READ or kind not in FORMATS or not count:
             continue
-        form = f"{order}{_TYPES[kind] * count}" if count <= _MOST_VALUES else ""
-        size = struct.calcsize(form)
-        if not form or size > end:
+        codes = f"{form.order}{FORMATS[kind] * min(count, _MOST_VALUES)}"
+        size = struct.calcsize(codes)
+        if count > _MOST_VALUES or size > end:
             raise UnreadableError(f"tag {tag} is damaged: copy the file again")
-        data = value
-        if size > len(value):
-            file.seek(struct.unpack(f"{order}I", value)[0])
-            data = file.read(size)
-        numbers = struct.unpack(form, data[:size])
+        numbers = struct.unpack(codes, form.values(file, field, size, size))
         if kind in _RATIONALS:
             numbers = tuple(
                 one / other if other else float("nan")

@@ -16,7 +16,6 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its own name for itself
@@ -37,17 +36,15 @@ _PART = 1 << 20
 _IN_MEMORY = 128 << 20
 
 
-@contextmanager
-def encoded_image(
-    path: Path, kind: str, spec: oiio.ImageSpec, pixels: MapRows
-) -> Iterator[BinaryIO]:
-    """Encode an image into a scratch file, and yield the file for reading.
+def store_image(path: Path, kind: str, spec: oiio.ImageSpec, pixels: MapRows) -> None:
+    """Write an image and check that the file holds its pixels.
+
+    The file appears complete and checked, or not at all.
 
     Parameters
     ----------
     path
-        Path of the future file; nothing is written there. It must be a name that `read_image` can
-        open, and messages show it.
+        File to write. It must be a name that `read_image` can open.
     kind
         OpenImageIO's name of the format.
     spec
@@ -60,7 +57,7 @@ def encoded_image(
     DataError
         If `read_image` could not open a file with this name.
     StorageError
-        If the encoder fails.
+        If the encoder fails, or the file cannot be written or does not read back as written.
     """
     library_path(path)
     file = oiio.ImageOutput.create(kind)
@@ -85,25 +82,9 @@ def encoded_image(
                     "computer, or raise its limit on file sizes"
                 )
             encoded = kept.enter_context(place.open("rb"))
-        yield encoded
-
-
-def store_image(path: Path, data: BinaryIO, pixels: MapRows) -> None:
-    """Write an encoded image and check that it holds these pixels.
-
-    The file appears complete and checked, or not at all.
-
-    Raises
-    ------
-    DataError
-        If `read_image` could not open a file with this name.
-    StorageError
-        If the file cannot be written, or does not read back as written.
-    """
-    library_path(path)
-    with published(path) as part:
+        part = kept.enter_context(published(path))
         with disk(path, "write"):
-            while piece := data.read(_PART):
+            while piece := encoded.read(_PART):
                 write_whole(part.descriptor, piece)
         if not holds(part.path, pixels):
             with disk(path, "write"):

@@ -9,12 +9,13 @@ import struct
 import zlib
 from collections.abc import Callable, Collection
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import BinaryIO, Final, NamedTuple
 
 from acquisition.files.text_files import text_of
 from acquisition.pixels.image_head import kind_of
-from acquisition.pixels.png_file import SIGNATURE, chunk
+from acquisition.pixels.png_file import chunk, chunks_before_samples
 
 Value = float | str
 Tags = dict[int, Value]
@@ -24,16 +25,18 @@ EXIF_DIRECTORY: Final = 34665
 _CLASSIC: Final = (42, 0x4F52, 0x5352, 0x55)
 _BIG: Final = 43
 # TIFF 6.0, section 2, and BigTIFF: formats of the types of fields; rationals are two numbers.
-_FORMATS: Final = {
+FORMATS: Final = {
     1: "B", 3: "H", 4: "I", 5: "II", 6: "b", 8: "h", 9: "i", 10: "ii", 11: "f", 12: "d",
-    13: "I", 16: "Q", 17: "q", 18: "Q",
+    13: "I",
 }  # fmt: skip
+_FORMATS: Final = FORMATS | {16: "Q", 17: "q", 18: "Q"}
 _TEXT: Final = 2
 _LONGEST_TEXT: Final = 256
 # Directories of damaged files claim more; cameras write a few hundred.
 _MOST_ENTRIES: Final = 4096
 
-_Entry = tuple[int, int, int, bytes]
+# Tag, type, count, and the values or their place.
+Entry = tuple[int, int, int, bytes]
 # A segment of JPEG holds at most 64 kB; the blocks of other formats are of this size too.
 _MOST_BYTES: Final = 1 << 20
 # More parts of a file are not searched for its block.
@@ -57,16 +60,39 @@ _BEGIN, _FINISH = b"<x:xmpmeta", b"</x:xmpmeta>"
 _SEARCHED: Final = 1 << 18
 
 
-class _Form(NamedTuple):
+class Form(NamedTuple):
     """Byte order and sizes of a TIFF structure: of the count of entries, of an entry, of a word."""
 
     order: str
     number: str
     word: str
 
-    @property
-    def entry(self) -> struct.Struct:
-        return struct.Struct(f"{self.order}HH{self.word}{struct.calcsize(self.word)}s")
+    def directory(self, file: BinaryIO, begin: int, most: int = 1 << 16) -> tuple[list[Entry], int]:
+        """Return the entries of a directory, at most so many, and the place of the next one or 0.
+
+        Raises
+        ------
+        ValueError, struct.error
+            If the directory is damaged.
+        """
+        file.seek(begin)
+        number = struct.Struct(self.order + self.number)
+        word = struct.Struct(self.order + self.word)
+        (count,) = number.unpack(file.read(number.size))
+        if count > most:
+            raise ValueError("a damaged directory")
+        entry = struct.Struct(f"{self.order}HH{self.word}{word.size}s")
+        data = file.read(count * entry.size)
+        after = file.read(word.size)
+        entries = list(entry.iter_unpack(data[: len(data) // entry.size * entry.size]))
+        return entries, word.unpack(after)[0] if len(after) == word.size else 0
+
+    def values(self, file: BinaryIO, field: bytes, size: int, whole: int) -> bytes:
+        """Return the first bytes of the values of an entry, of which there are ``whole``."""
+        if whole <= len(field):
+            return field[:size]
+        file.seek(struct.unpack(self.order + self.word, field)[0])
+        return file.read(size)
 
 
 def tiff_tags(file: BinaryIO, wanted: Collection[int], page: int = 0) -> Tags:
@@ -102,41 +128,26 @@ def tiff_tags(file: BinaryIO, wanted: Collection[int], page: int = 0) -> Tags:
     return tags
 
 
-def _head(head: bytes) -> tuple[_Form, int]:
+def _head(head: bytes) -> tuple[Form, int]:
     """Return the form of a TIFF structure and the place of its first directory."""
     order = {b"II": "<", b"MM": ">"}.get(head[:2])
     if order is None:
         raise ValueError("no TIFF structure")
     (magic,) = struct.unpack_from(f"{order}H", head, 2)
     if magic in _CLASSIC:
-        return _Form(order, "H", "I"), struct.unpack_from(f"{order}I", head, 4)[0]
+        return Form(order, "H", "I"), struct.unpack_from(f"{order}I", head, 4)[0]
     if magic == _BIG:
-        return _Form(order, "Q", "Q"), struct.unpack_from(f"{order}Q", head, 8)[0]
+        return Form(order, "Q", "Q"), struct.unpack_from(f"{order}Q", head, 8)[0]
     raise ValueError("no TIFF structure")
 
 
-def _entries(file: BinaryIO, form: _Form, begin: int) -> tuple[list[_Entry], int]:
-    """Return the entries of a directory, and the place of the next one; 0 has no entries."""
+def _entries(file: BinaryIO, form: Form, begin: int) -> tuple[list[Entry], int]:
     if not begin:
         raise ValueError("no such directory")
-    file.seek(begin)
-    size = struct.calcsize(f"{form.order}{form.number}")
-    (count,) = struct.unpack(f"{form.order}{form.number}", file.read(size))
-    if count > _MOST_ENTRIES:
-        raise ValueError("a damaged directory")
-    entry, word = form.entry, struct.Struct(f"{form.order}{form.word}")
-    data = file.read(count * entry.size)
-    after = file.read(word.size)
-    entries = list(entry.iter_unpack(data[: len(data) // entry.size * entry.size]))
-    return entries, word.unpack(after)[0] if len(after) == word.size else 0
+    return form.directory(file, begin, _MOST_ENTRIES)
 
 
-def _values(
-    file: BinaryIO,
-    form: _Form,
-    entries: list[_Entry],
-    wanted: Collection[int],
-) -> Tags:
+def _values(file: BinaryIO, form: Form, entries: list[Entry], wanted: Collection[int]) -> Tags:
     tags: Tags = {}
     for tag, kind, count, field in entries:
         if tag not in wanted or not count:
@@ -148,10 +159,7 @@ def _values(
         else:
             continue
         # The first of several values counts; they are elsewhere if all do not fit into the field.
-        fits = size * (1 if kind == _TEXT else count) <= len(field)
-        if not fits:
-            file.seek(struct.unpack(f"{form.order}{form.word}", field)[0])
-        data = field[:size] if fits else file.read(size)
+        data = form.values(file, field, size, size * (1 if kind == _TEXT else count))
         if kind == _TEXT:
             tags[tag] = text_of(data.split(b"\0")[0]).strip()
         elif len(data) == size:
@@ -210,19 +218,12 @@ def _jpeg(file: BinaryIO) -> bytes:
 
 def _png(file: BinaryIO) -> bytes:
     """Return the eXIf chunk (PNG 3, 11.3.4.5), before the samples or near the end of the file."""
-    file.seek(len(SIGNATURE))
-    for _ in range(_MOST_PARTS):
-        head = file.read(8)
-        if len(head) < 8 or head[4:] == b"IDAT":
-            break
-        size = int.from_bytes(head[:4])
-        if head[4:] == b"eXIf":
+    for kind, size in islice(chunks_before_samples(file), _MOST_PARTS):
+        if kind == b"eXIf":
             return file.read(min(size, _MOST_BYTES))
-        if head[4:] in (b"zTXt", b"tEXt") and size < _MOST_BYTES:
-            if block := _raw_profile(file.read(size), packed=head[4:] == b"zTXt"):
-                return block
-            size = 0
-        file.seek(size + 4, io.SEEK_CUR)
+        is_text = kind in (b"zTXt", b"tEXt") and size < _MOST_BYTES
+        if is_text and (block := _raw_profile(file.read(size), packed=kind == b"zTXt")):
+            return block
     # A walk over the samples, in chunks of 8 kB, takes longer than all else.
     file.seek(max(file.seek(0, io.SEEK_END) - _TAIL, 0))
     tail = file.read(_TAIL)

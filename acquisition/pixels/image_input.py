@@ -80,6 +80,12 @@ class OpenedImage(NamedTuple):
     parts: int = 1
     inverted: bool = False
 
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape ``(h, w)`` or ``(h, w, 3)`` of the colours."""
+        size = (self.spec.height, self.spec.width)
+        return size if len(self.channels) == 1 else (*size, 3)
+
     def colours(self, pixels: AnyArray) -> AnyArray:
         """Return the colours ``(h, w)`` or ``(h, w, 3)`` of pixels ``(h, w, channels)``."""
         if len(self.channels) == 1:

@@ -7,16 +7,17 @@ pixels, multiplies by alpha and adds the current date. No other module has to ha
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 
 from acquisition._errors import DataError
 from acquisition.files.map_rows import ComputedRows, MapRows, rows_of
-from acquisition.pixels.encoded_image import encoded_image, store_image
+from acquisition.pixels.encoded_image import store_image
 from acquisition.pixels.image_input import check_png_file, opened_image
 from acquisition.pixels.png_file import SRGB_CHUNKS, chunk, png_pieces, store_png
 from rig import MAX_PIXELS
@@ -125,7 +126,9 @@ def write_tiff(path: str | Path, pixels: UInt8 | UInt16) -> None:
     >>> int(read_image("card.tif")[0, 0])
     700
     """
-    _write(Path(path), rows_of(pixels), "tiff", {"uint8", "uint16"}, {"compression": "none"})
+    path, array = Path(path), rows_of(pixels)
+    _check(path, array, {"uint8", "uint16"})
+    write_with_attributes(path, array, "tiff", {"compression": "none"})
 
 
 def write_png(
@@ -184,7 +187,7 @@ def write_exr(path: str | Path, array: Float32 | MapRows) -> None:
     path, values = Path(path), rows_of(array)
     _check(path, values, {"float32"})
     compression = "rle" if _has_zeros(values) else "none"
-    _write(path, values, "openexr", {"float32"}, {"compression": compression})
+    write_with_attributes(path, values, "openexr", {"compression": compression})
 
 
 def _has_zeros(values: MapRows) -> bool:
@@ -196,18 +199,32 @@ def _has_zeros(values: MapRows) -> bool:
     return not sampled or bool(np.mean([row.mean() for row in sampled]) > _LEAST_ZEROS)
 
 
-def _write(
-    path: Path, array: MapRows, kind: str, allowed: set[str], attributes: dict[str, str]
+def write_with_attributes(
+    path: Path, array: MapRows, kind: str, attributes: Mapping[str, Any]
 ) -> None:
-    _check(path, array, allowed)
+    """Write an image of a format of OpenImageIO with attributes in its header.
+
+    Parameters
+    ----------
+    path
+        As in `write_tiff`, as are the errors.
+    array
+        ``(H, W)`` or ``(H, W, 3)`` RGB of a type that the format can hold.
+    kind
+        OpenImageIO's name of the format.
+    attributes
+        Texts, numbers or tuples of three numbers by name; an empty text or None is left out.
+    """
     height, width = array.shape[:2]
     channels = math.prod(array.shape[2:])
     spec = oiio.ImageSpec(width, height, channels, _FILE_TYPES[array.dtype.name])
     spec.attribute("DateTime", "")  # otherwise the current time is written
     for name, value in attributes.items():
-        spec.attribute(name, value)
-    with encoded_image(path, kind, spec, array) as data:
-        store_image(path, data, array)
+        if isinstance(value, tuple):
+            spec.attribute(name, oiio.TypeDesc("float[3]"), value)
+        elif value not in ("", None):
+            spec.attribute(name, value)
+    store_image(path, kind, spec, array)
 
 
 def _check(path: Path, array: MapRows, allowed: set[str]) -> None:
@@ -260,9 +277,7 @@ class ImageRows:
             self._image = opened.enter_context(opened_image(self.path, max_pixels))
             check_png_file(self.path)
             self._opened = opened.pop_all()
-        spec = self._image.spec
-        size = (spec.height, spec.width)
-        self.shape: tuple[int, ...] = size if len(self._image.channels) == 1 else (*size, 3)
+        self.shape = self._image.shape
         self.dtype = np.dtype(self._image.dtype)
 
     def __len__(self) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -12,7 +13,7 @@ import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 from acquisition._errors import DataError
 from acquisition.pixels.icc_curve import icc_curve
 from acquisition.pixels.image_input import spec_attribute
-from acquisition.pixels.png_file import SIGNATURE
+from acquisition.pixels.png_file import chunks_before_samples
 from acquisition.values.transfer_curve import LINEAR, SRGB, TransferCurve
 from rig import UnreadableError
 from rig.files import convert_parser_errors, read_head
@@ -133,14 +134,8 @@ def _of_exif(spec: oiio.ImageSpec) -> tuple[TransferCurve, str] | None:
 
 def _png_chunks(path: Path) -> dict[bytes, bytes]:
     """Return the small chunks before the pixels, as far as they are in the head of the file."""
-    head, _ = read_head(path, _PNG_HEAD)
+    head = io.BytesIO(read_head(path, _PNG_HEAD)[0])
     chunks: dict[bytes, bytes] = {}
-    position = len(SIGNATURE)
-    while position + 8 <= len(head):
-        length = int.from_bytes(head[position : position + 4])
-        kind = head[position + 4 : position + 8]
-        if kind == b"IDAT":
-            break
-        chunks.setdefault(kind, head[position + 8 : position + 8 + length])
-        position += 12 + length
+    for kind, size in chunks_before_samples(head):
+        chunks.setdefault(kind, head.read(size))
     return chunks

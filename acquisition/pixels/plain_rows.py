@@ -19,8 +19,8 @@ from rig.files import note_read
 
 _SHORT, _LONG, _RATIONAL = 3, 4, 5
 _HEADER: Final = struct.Struct("<2sHI")
-_ENTRY: Final = struct.Struct("<HHIHH")
-_LONG_ENTRY: Final = struct.Struct("<HHII")
+# Tag, type, count, and the values or their place; a short value is in the first two bytes.
+_ENTRY: Final = struct.Struct("<HHII")
 _PIECE = 1 << 20
 _SAMPLE = np.dtype("<u2")
 
@@ -39,36 +39,25 @@ def plain_tiff_header(shape: tuple[int, ...], size: int) -> bytes:
     count = 14
     depths_at = _HEADER.size + 2 + count * _ENTRY.size + 4
     scale_at = depths_at + 8
-    begin = scale_at + 8
-    depth = _ENTRY.pack(258, _SHORT, 1, 16, 0)
-    if channels == 3:
-        depth = _LONG_ENTRY.pack(258, _SHORT, 3, depths_at)
     entries = (
-        _LONG_ENTRY.pack(256, _LONG, 1, width),
-        _LONG_ENTRY.pack(257, _LONG, 1, height),
-        depth,
-        _ENTRY.pack(259, _SHORT, 1, 1, 0),  # not compressed
-        _ENTRY.pack(262, _SHORT, 1, 1 if channels == 1 else 2, 0),  # black is zero, or RGB
-        _LONG_ENTRY.pack(273, _LONG, 1, begin),
-        _ENTRY.pack(274, _SHORT, 1, 1, 0),  # rows from the top
-        _ENTRY.pack(277, _SHORT, 1, channels, 0),
-        _LONG_ENTRY.pack(278, _LONG, 1, height),
-        _LONG_ENTRY.pack(279, _LONG, 1, size),
-        _LONG_ENTRY.pack(282, _RATIONAL, 1, scale_at),
-        _LONG_ENTRY.pack(283, _RATIONAL, 1, scale_at),
-        _ENTRY.pack(284, _SHORT, 1, 1, 0),  # channels innermost
-        _ENTRY.pack(296, _SHORT, 1, 1, 0),  # pixel size not known
+        (256, _LONG, 1, width),
+        (257, _LONG, 1, height),
+        (258, _SHORT, 3, depths_at) if channels == 3 else (258, _SHORT, 1, 16),
+        (259, _SHORT, 1, 1),  # not compressed
+        (262, _SHORT, 1, 1 if channels == 1 else 2),  # black is zero, or RGB
+        (273, _LONG, 1, scale_at + 8),
+        (274, _SHORT, 1, 1),  # rows from the top
+        (277, _SHORT, 1, channels),
+        (278, _LONG, 1, height),
+        (279, _LONG, 1, size),
+        (282, _RATIONAL, 1, scale_at),
+        (283, _RATIONAL, 1, scale_at),
+        (284, _SHORT, 1, 1),  # channels innermost
+        (296, _SHORT, 1, 1),  # pixel size not known
     )
-    return b"".join(
-        (
-            _HEADER.pack(b"II", 42, _HEADER.size),
-            struct.pack("<H", count),
-            *entries,
-            b"\0\0\0\0",
-            struct.pack("<4H", 16, 16, 16, 0),
-            struct.pack("<2I", 1, 1),
-        )
-    )
+    directory = b"".join(_ENTRY.pack(*entry) for entry in entries)
+    head = _HEADER.pack(b"II", 42, _HEADER.size) + struct.pack("<H", count)
+    return head + directory + struct.pack("<I4H2I", 0, 16, 16, 16, 0, 1, 1)
 
 
 @dataclass(frozen=True)

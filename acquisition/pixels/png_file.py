@@ -76,10 +76,17 @@ def check_png(file: BinaryIO, name: str) -> None:
         position += size + 4
 
 
+def chunks_before_samples(file: BinaryIO) -> Iterator[tuple[bytes, int]]:
+    """Yield kind and size of each chunk before the samples, with the file at its data."""
+    file.seek(len(SIGNATURE))
+    while len(head := file.read(8)) == 8 and head[4:] != b"IDAT":
+        size, begin = int.from_bytes(head[:4]), file.tell()
+        yield head[4:], size
+        file.seek(begin + size + 4)
+
+
 def png_pieces(
-    pixels: MapRows,
-    alpha: MapRows | None = None,
-    chunks: Iterable[bytes] = (),
+    pixels: MapRows, alpha: MapRows | None = None, chunks: Iterable[bytes] = ()
 ) -> Iterator[bytes]:
     """Yield the bytes of a PNG (PNG 3, W3C 2025); equal arguments give equal bytes.
 

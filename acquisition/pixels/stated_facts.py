@@ -247,12 +247,11 @@ def image_facts(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> ImageFacts
     for tag, names in _ATTRIBUTES.get(kind, {}).items():
         for value in filter(None, (number_of(str(spec_attribute(spec, name))) for name in names)):
             tags[tag] = value
-    size = (spec.height, spec.width)
     window = (spec.x, spec.y, spec.full_x, spec.full_y, spec.full_width, spec.full_height)
     return ImageFacts(
         path,
         shot_facts(tags),
-        shape=size if len(image.channels) == 1 else (*size, 3),
+        shape=image.shape,
         dtype=np.dtype(image.dtype),
         transfer=transfer,
         alpha=spec.alpha_channel >= 0,

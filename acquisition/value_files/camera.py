@@ -14,7 +14,7 @@ from acquisition.files.storage import write_durably
 from acquisition.files.text_files import numbered_lines, parse_json, read_text
 from acquisition.session.value_records import CameraModelRecord
 from acquisition.value_files.alicevision import camera_of_scene
-from acquisition.value_files.colmap import camera_line, colmap_text, finite_numbers
+from acquisition.value_files.colmap import camera_of_lines, colmap_text, finite_numbers
 from acquisition.value_files.mat5 import read_variables
 from acquisition.value_files.opencv_camera import (
     camera_of_json,
@@ -182,7 +182,7 @@ def _parse_text(text: str, path: Path, size: tuple[int, int] | None) -> CameraMo
     lines = [(number, line) for number, line in numbered_lines(text) if not line.startswith("#")]
     rows = [line.replace(",", " ").split() for _, line in lines]
     if len(rows) != 3 or any(len(row) != 3 for row in rows):
-        return camera_line(path, lines)
+        return camera_of_lines(path, lines)
     words = [word for row in rows for word in row]
     K = np.reshape(finite_numbers(words, f"{path} line {lines[0][0]}"), (3, 3))
     height, width = known_size(size, path)

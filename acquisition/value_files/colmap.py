@@ -27,16 +27,23 @@ _PARAMETERS: Final[dict[str, tuple[str, ...]]] = {
 _PIXEL_CENTRE: Final = 0.5
 
 
-def camera_of_line(line: str, where: str) -> CameraModel:
-    """Return the camera that a line of cameras.txt describes.
+def camera_of_lines(path: Path, lines: list[tuple[int, str]]) -> CameraModel:
+    """Return the camera of the lines of a cameras.txt without its comments, with their numbers.
 
     Raises
     ------
     DataError
-        If the model is not one of ours or the line has other than its parameters; the message
-        begins with ``where``.
+        If there is not exactly one camera, its model is not one of ours, or its line has other than
+        its parameters; the message names ``path``.
     """
-    _, model, *words = line.split()
+    if not lines or len(lines[0][1].split()) < 4 or not lines[0][1].split()[1].isidentifier():
+        raise DataError(
+            f"{path}: neither a 3 x 3 matrix nor COLMAP's cameras.txt: give one of the two"
+        )
+    if len(lines) > 1:
+        raise DataError(f"{path}: {len(lines)} cameras: keep only the one that took the images")
+    where = f"{path} line {lines[0][0]}"
+    _, model, *words = lines[0][1].split()
     if model not in _PARAMETERS:
         known = ", ".join(_PARAMETERS)
         raise DataError(f"{where}: model {model} is not supported: use one of {known}")
@@ -101,21 +108,3 @@ def finite_numbers(words: list[str], where: str) -> list[float]:
         text = " ".join(words)[:40]
         raise DataError(f"{where}: '{text}' are not all finite numbers: correct the line")
     return values
-
-
-def camera_line(path: Path, lines: list[tuple[int, str]]) -> CameraModel:
-    """Return the camera of the lines of a cameras.txt without its comments, with their numbers.
-
-    Raises
-    ------
-    DataError
-        If there is not exactly one camera; the message names ``path``.
-    """
-    if not lines or len(lines[0][1].split()) < 4 or not lines[0][1].split()[1].isidentifier():
-        raise DataError(
-            f"{path}: neither a 3 x 3 matrix nor COLMAP's cameras.txt: give one of the two"
-        )
-    if len(lines) > 1:
-        raise DataError(f"{path}: {len(lines)} cameras: keep only the one that took the images")
-    number, line = lines[0]
-    return camera_of_line(line, f"{path} line {number}")

@@ -203,13 +203,13 @@ def _by_column(rows: Sequence[_Row], columns: Sequence[str]) -> list[LightRow]:
     names = _name_column(rows, columns)
     strength = next((columns.index(name) for name in _INTENSITY_COLUMNS if name in columns), None)
     places = [columns.index(axis) for axis in "xyz"]
-    used = {names, strength, *places}
+    if strength is not None:
+        places.append(strength)
+    used = {names, *places}
     unused = tuple(name for i, name in enumerate(columns) if name and i not in used)
     found = []
     for row in rows[1:]:
-        texts = [
-            row.fields[place] for place in (*places, *([] if strength is None else [strength]))
-        ]
+        texts = [row.fields[place] for place in places]
         if not all(map(_NUMBER.fullmatch, texts)):
             raise row.unlike("a row with numbers in these columns")
         x, y, z, *further = map(_value, texts)

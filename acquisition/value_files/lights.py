@@ -47,19 +47,6 @@ class _LightsFile(LightsRecord):
         return self
 
 
-def parse_lights_json(text: str, path: Path) -> Lights:
-    """Build lights from the text of a lights.json.
-
-    Raises
-    ------
-    DataError
-        If the text is invalid or has another version; the message names ``path`` and the light.
-    """
-    file = parse_versioned(_LightsFile, text, path)
-    with named(path):
-        return file.value()
-
-
 def lights_json(lights: Lights, provenance: dict[str, Any]) -> str:
     """Return the text of a lights.json: version 1 if this version can hold the lights, else 2."""
     record = LightsRecord.of(lights)
@@ -124,7 +111,9 @@ def read_lights(path: str | Path) -> Lights:
     text = read_text(path)
     match path.suffix.lower():
         case ".json":
-            return parse_lights_json(text, path)
+            file = parse_versioned(_LightsFile, text, path)
+            with named(path):
+                return file.value()
         case ".lp":
             return parse_lp(text, path)
     return parse_directions(text, path)

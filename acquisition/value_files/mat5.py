@@ -10,7 +10,8 @@ import io
 import math
 import struct
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -65,57 +66,38 @@ def read_mat5(data: bytes, name: str, max_numbers: int) -> Float64:
     UnreadableError
         If the file is not a MAT-file of level 5, is damaged, or has no numeric array of that name.
     """
+    found = _variable(data, name, max_numbers)
+    if found is None:
+        raise UnreadableError(f"no variable {name}")
+    return found
+
+
+def _variable(data: bytes, name: str, max_numbers: int) -> Float64 | None:
+    """Return a variable as `read_mat5` does, or None if there is none of this name."""
     if data[:8] == b"\x89HDF\r\n\x1a\n" or data[:19] == b"MATLAB 7.3 MAT-file":
         raise UnreadableError("a MAT-file of version 7.3: save it in MATLAB with -v7")
-    order = _order(data)
-    rest = memoryview(data)[_HEADER:]
+    for element, order in _elements(data):
+        whole = _unpacked(element, _most_bytes(max_numbers), order)
+        matrix = _matrix(whole.data, order, name, max_numbers) if whole.kind == _MATRIX else None
+        if matrix is not None:
+            return matrix
+    return None
+
+
+def _most_bytes(max_numbers: int) -> int:
     # Room for the numbers, and for a name and a shape.
-    most_bytes = 8 * max_numbers + 4096
-    while rest:
-        element, rest = _next(rest, order)
-        element = _unpacked(element, most_bytes, order)
-        if element.kind == _MATRIX:
-            matrix = _matrix(element.data, order, name, max_numbers)
-            if matrix is not None:
-                return matrix
-    raise UnreadableError(f"no variable {name}")
+    return 8 * max_numbers + 4096
 
 
-def mat5_names(data: bytes, most_bytes: int) -> list[str]:
-    """Return the names of the variables of a MAT-file of level 5, also of those of other types.
-
-    A variable of more bytes than ``most_bytes`` is left out.
-
-    Raises
-    ------
-    UnreadableError
-        If the file is damaged or of another kind.
-    """
-    order = _order(data)
-    names = []
-    rest = memoryview(data)[_HEADER:]
-    while rest:
-        element, rest = _next(rest, order)
-        try:
-            element = _unpacked(element, most_bytes, order)
-            if element.kind != _MATRIX:
-                continue
-            _, content = _next(element.data, order)
-            _, content = _next(content, order)
-            name = bytes(_next(content, order)[0].data)
-        except UnreadableError:
-            continue
-        if name.isascii() and name.decode().isidentifier():
-            names.append(name.decode())
-    return names
-
-
-def _order(data: bytes) -> str:
-    """Return the byte order that the header states."""
+def _elements(data: bytes) -> Iterator[tuple[_Element, str]]:
+    """Yield the elements of a file as they are stored, each with the byte order of the header."""
     order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
     if order is None:
         raise UnreadableError("not a MAT-file of version 5 to 7: save it in MATLAB with -v7")
-    return order
+    rest = memoryview(data)[_HEADER:]
+    while rest:
+        element, rest = _next(rest, order)
+        yield element, order
 
 
 def _next(data: memoryview, order: str) -> tuple[_Element, memoryview]:
@@ -202,9 +184,21 @@ def write_normals_mat(path: Path, normals: Float32) -> None:
 
 
 def variable_names(path: Path) -> list[str]:
-    """Return the names of all variables of a MAT-file, numeric or not; errors as below."""
+    """Return the names of all variables of a MAT-file, numeric or not; errors as below.
+
+    Damaged variables, and those with far more numbers than expected, are left out.
+    """
+    names = []
     with convert_read_errors(path):
-        return mat5_names(read_bounded(path, MAX_BINARY_BYTES), 8 * _MOST_NUMBERS + 4096)
+        for stored, order in _elements(read_bounded(path, MAX_BINARY_BYTES)):
+            with suppress(UnreadableError):
+                element = _unpacked(stored, _most_bytes(_MOST_NUMBERS), order)
+                _, content = _next(element.data, order)
+                _, content = _next(content, order)
+                name = bytes(_next(content, order)[0].data)
+                if element.kind == _MATRIX and name.isascii() and name.decode().isidentifier():
+                    names.append(name.decode())
+    return names
 
 
 def read_variables(path: Path, names: Iterable[str]) -> dict[str, Float64]:
@@ -217,15 +211,10 @@ def read_variables(path: Path, names: Iterable[str]) -> dict[str, Float64]:
     DataError
         If the file is not a MAT-file of level 5, or is damaged.
     """
-    found: dict[str, Float64] = {}
     with convert_read_errors(path):
         data = read_bounded(path, MAX_BINARY_BYTES)
-        for name in names:
-            try:
-                found[name] = read_mat5(data, name, _MOST_NUMBERS)
-            except UnreadableError as error:
-                if str(error) != f"no variable {name}":
-                    raise
+        variables = {name: _variable(data, name, _MOST_NUMBERS) for name in names}
+    found = {name: values for name, values in variables.items() if values is not None}
     for name, values in found.items():
         if values.ndim != 2:
             raise DataError(f"{path}: {name} is not a matrix, but has the shape {values.shape}")

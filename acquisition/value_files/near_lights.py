@@ -7,7 +7,7 @@ The variables and their meaning are those of near_ps (Queau et al., LED-based ph
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Literal
 
@@ -37,6 +37,7 @@ _COLUMNS: Final = {
     "strengths": ("phi",),
     "rgb": ("r", "g", "b"),
 }
+_KNOWN: Final = {name for names in _COLUMNS.values() for name in names}
 # Columns of each variable.
 _WIDTHS: Final = {"positions": (3,), "axes": (3,), "mu": (1,), "strengths": (1, 3)}
 # Lights closer to the camera, relative to its distance, give no shading: they are in metres.
@@ -133,7 +134,7 @@ def read_near_lights(
     count = len(values["positions"])
     chosen: LightAxes = axes or "opencv"
     positions, directions = _in_house(path, values, camera, chosen)
-    mu = values["mu"][:, 0] if "mu" in values else np.zeros(count)
+    mu = values["mu"][:, 0] if "mu" in values else None
     lights = Lights(positions_mm=positions, axes=directions, mu=mu)
     strengths = values.get("strengths")
     lights = _with_intensities(path, lights, strengths, chosen, given=axes is not None)
@@ -190,13 +191,7 @@ def _with_intensities(
         raise DataError(f"{path}: a strength of a light is not a positive number")
     irradiance = (cosine**mu / distance**2)[:, None] * (1.0 if strengths is None else strengths)
     irradiance = np.broadcast_to(irradiance, (len(lights), 3))
-    return Lights(
-        positions_mm=positions,
-        axes=along,
-        mu=mu,
-        intensities=irradiance / irradiance.mean(),
-        ids=lights.ids,
-    )
+    return replace(lights, intensities=irradiance / irradiance.mean())
 
 
 def _variables(path: Path) -> tuple[dict[str, Float64], list[str]]:
@@ -257,12 +252,13 @@ def _is_named(path: Path, ours: str) -> bool:
 
 def _sibling(path: Path, ours: str) -> Float64 | None:
     """Return the numbers of a variable from the file itself or from a file next to it."""
-    if _is_named(path, ours):
-        return _numbers(path, numbered_lines(read_text(path)))
-    for other in sorted(path.parent.iterdir()):
-        if other.suffix.casefold() in _TEXT_SUFFIXES and _is_named(other, ours):
-            return _numbers(other, numbered_lines(read_text(other)))
-    return None
+    if not _is_named(path, ours):
+        others = (one for one in sorted(path.parent.iterdir()) if _is_named(one, ours))
+        found = next((one for one in others if one.suffix.casefold() in _TEXT_SUFFIXES), None)
+        if found is None:
+            return None
+        path = found
+    return _numbers(path, numbered_lines(read_text(path)))
 
 
 def _words(line: str) -> list[str]:
@@ -274,8 +270,7 @@ def _header(path: Path) -> list[str] | None:
     lines = numbered_lines(read_text(path))
     names = [word.casefold() for word in _words(lines[0][1])] if lines else []
     # Three columns alone may be directions.
-    known = {name for columns in _COLUMNS.values() for name in columns}
-    return names if {"x", "y", "z"} < known & set(names) else None
+    return names if {"x", "y", "z"} < _KNOWN & set(names) else None
 
 
 def _columns(path: Path, header: list[str]) -> dict[str, Float64]:
@@ -292,7 +287,6 @@ def _columns(path: Path, header: list[str]) -> dict[str, Float64]:
 
 def _numbers(path: Path, lines: list[tuple[int, str]], header: list[str] | None = None) -> Float64:
     """Return the numbers of a table; columns whose names we do not know may hold text."""
-    known = {name for names in _COLUMNS.values() for name in names}
     rows: list[list[float]] = []
     for number, line in lines:
         words = _words(line)
@@ -300,7 +294,7 @@ def _numbers(path: Path, lines: list[tuple[int, str]], header: list[str] | None 
         try:
             if len(words) != len(names) or (rows and len(rows[0]) != len(words)):
                 raise ValueError
-            row = [float(w) if n in known else 0.0 for n, w in zip(names, words, strict=True)]
+            row = [float(w) if n in _KNOWN else 0.0 for n, w in zip(names, words, strict=True)]
         except ValueError:
             raise DataError(f"{path} line {number}: '{line[:40]}' does not fit its table") from None
         if not np.isfinite(row).all():

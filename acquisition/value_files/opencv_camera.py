@@ -7,7 +7,7 @@ nodes of a camera file and ignores all others.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 from xml.parsers import expat
@@ -30,28 +30,15 @@ _SPECIAL = {".nan": "nan", ".inf": "inf", "-.inf": "-inf", "+.inf": "inf"}
 _MATRIX: Final = ("camera_matrix", "Camera_Matrix", "K", "M", "M1")
 _DISTORTION: Final = ("distortion_coefficients", "Distortion_Coefficients", "dist_coeffs", "D")
 _FISHEYE: Final = ("fisheye_model", "fisheye")
-_MODEL: Final = ("distortion_model",)
 # ROS calls the five coefficients of OpenCV plumb_bob.
 _BROWN: Final = ("plumb_bob", "rational_polynomial", "radtan", "brown", "none", "")
 
-Nodes = Mapping[str, str | dict[str, str]]
+# The text of a scalar, or the parts of a matrix.
+_Node = str | dict[str, str]
+Nodes = Mapping[str, _Node]
 
 
-def read_storage(text: str, path: Path) -> dict[str, str | dict[str, str]]:
-    """Return the top-level nodes of a file: the text of a scalar node, the parts of a matrix.
-
-    Raises
-    ------
-    DataError
-        If the text has neither of the two formats; the message names ``path``.
-    """
-    try:
-        return _xml(text) if text.lstrip().startswith("<") else _yaml(text)
-    except UnreadableError as error:
-        raise DataError(f"{path}: {error}: write the file with OpenCV's FileStorage") from error
-
-
-def number_of(node: str | dict[str, str] | None) -> float | None:
+def number_of(node: _Node | None) -> float | None:
     """Return a scalar node as a number, or None if it is not a number."""
     if not isinstance(node, str):
         return None
@@ -61,16 +48,12 @@ def number_of(node: str | dict[str, str] | None) -> float | None:
         return None
 
 
-def matrix_of(node: str | dict[str, str] | None, name: str, path: Path) -> Float64 | None:
-    """Return a node as a matrix ``(rows, cols)``; None if the node does not exist.
-
-    Raises
-    ------
-    DataError
-        If the node is not a matrix of numbers; the message names ``path`` and ``name``.
-    """
-    if node is None:
+def _matrix_named(names: Sequence[str], nodes: Nodes, path: Path) -> Float64 | None:
+    """Return the first node with one of the names as ``(rows, cols)``; None without one."""
+    name = next((name for name in names if name in nodes), None)
+    if name is None:
         return None
+    node = nodes[name]
     parts = node if isinstance(node, dict) else {}
     words = parts.get("data", "").replace(",", " ").split()
     rows, columns = number_of(parts.get("rows")), number_of(parts.get("cols"))
@@ -86,12 +69,12 @@ def matrix_of(node: str | dict[str, str] | None, name: str, path: Path) -> Float
     return np.array(numbers, np.float64).reshape(int(rows), int(columns))
 
 
-def _yaml(text: str) -> dict[str, str | dict[str, str]]:
+def _yaml(text: str) -> Nodes:
     """Read the keys that begin in the first column, and the indented block below each key."""
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith(("%", "#"))]
     if not text.startswith("%YAML") and not any(_KEY.match(line) for line in lines):
         raise UnreadableError("not an OpenCV camera file")
-    nodes: dict[str, str | dict[str, str]] = {}
+    nodes: dict[str, _Node] = {}
     block: list[str] = []
     key = rest = ""
 
@@ -138,7 +121,7 @@ def _unbracketed(value: str) -> str:
     return value[1:-1]
 
 
-def _xml(text: str) -> dict[str, str | dict[str, str]]:
+def _xml(text: str) -> Nodes:
     """Read the elements of the first and second level below the root."""
     path: list[str] = []
     pieces: dict[tuple[str, ...], list[str]] = {}
@@ -162,22 +145,30 @@ def _xml(text: str) -> dict[str, str | dict[str, str]]:
         parser.Parse(re.sub(r"^\s*<\?xml[^>]*\?>", "", text).encode("utf-8"), True)
     except expat.ExpatError as error:
         raise UnreadableError(f"not an OpenCV camera file ({error})") from error
-    nodes: dict[str, str | dict[str, str]] = {}
+    nodes: dict[str, _Node] = {}
     for place, parts_of_text in pieces.items():
         words = "".join(parts_of_text).strip()
         if len(place) == 1:
             nodes.setdefault(place[0], words)
         elif len(place) == 2:
-            parent = nodes.get(place[0])
-            parts = parent if isinstance(parent, dict) else {}
-            parts[place[1]] = words
-            nodes[place[0]] = parts
+            parent = nodes[place[0]]
+            nodes[place[0]] = (parent if isinstance(parent, dict) else {}) | {place[1]: words}
     return nodes
 
 
 def camera_of_storage(text: str, path: Path, size: tuple[int, int] | None) -> CameraModel:
-    """Return the camera of a YAML or XML file; ``size`` is used if it has none."""
-    return _camera_of(read_storage(text, path), path, size)
+    """Return the camera of a YAML or XML file; ``size`` is used if it has none.
+
+    Raises
+    ------
+    DataError
+        If the text has neither of the two formats, or no such camera; the message names ``path``.
+    """
+    try:
+        nodes = _xml(text) if text.lstrip().startswith("<") else _yaml(text)
+    except UnreadableError as error:
+        raise DataError(f"{path}: {error}: write the file with OpenCV's FileStorage") from error
+    return _camera_of(nodes, path, size)
 
 
 def camera_of_json(content: Mapping[str, Any], path: Path) -> CameraModel:
@@ -203,15 +194,13 @@ def opencv_text(camera: CameraModel) -> str:
 
 
 def _camera_of(nodes: Nodes, path: Path, size: tuple[int, int] | None) -> CameraModel:
-    name = next((name for name in _MATRIX if name in nodes), _MATRIX[0])
-    K = matrix_of(nodes.get(name), name, path)
+    K = _matrix_named(_MATRIX, nodes, path)
     if K is None:
         raise DataError(
             f"{path}: camera_matrix is missing: write the file with OpenCV's FileStorage"
         )
     _check_model(nodes, path)
-    name = next((name for name in _DISTORTION if name in nodes), _DISTORTION[0])
-    distortion = matrix_of(nodes.get(name), name, path)
+    distortion = _matrix_named(_DISTORTION, nodes, path)
     sides = [number_of(nodes.get(side)) for side in ("image_height", "image_width")]
     whole = [int(side) for side in sides if side is not None and float(side).is_integer()]
     if len(whole) == 2:
@@ -226,19 +215,16 @@ def _camera_of(nodes: Nodes, path: Path, size: tuple[int, int] | None) -> Camera
 
 def _check_model(nodes: Nodes, path: Path) -> None:
     """Refuse a distortion model whose coefficients have another meaning."""
-    for name in _MODEL:
-        model = str(nodes.get(name, "")).strip().strip('"').lower()
-        if model not in _BROWN:
-            raise DataError(
-                f"{path}: {name} {model[:40]} is not supported: calibrate with OpenCV's five "
-                "coefficients (plumb_bob)"
-            )
-    for name in _FISHEYE:
-        if number_of(nodes.get(name)):
-            raise DataError(
-                f"{path}: the fisheye model is not supported: calibrate with OpenCV's five "
-                "coefficients"
-            )
+    model = str(nodes.get("distortion_model", "")).strip().strip('"').lower()
+    if model not in _BROWN:
+        raise DataError(
+            f"{path}: distortion_model {model[:40]} is not supported: calibrate with OpenCV's five "
+            "coefficients (plumb_bob)"
+        )
+    if any(number_of(nodes.get(name)) for name in _FISHEYE):
+        raise DataError(
+            f"{path}: the fisheye model is not supported: calibrate with OpenCV's five coefficients"
+        )
 
 
 def known_size(size: tuple[int, int] | None, path: Path) -> tuple[int, int]:
@@ -254,8 +240,8 @@ def known_size(size: tuple[int, int] | None, path: Path) -> tuple[int, int]:
     return size
 
 
-def _node(value: object) -> str | dict[str, str]:
-    """Return a value of a JSON file as `read_storage` returns one of a YAML file."""
+def _node(value: object) -> _Node:
+    """Return a value of a JSON file as one of a YAML file."""
     if not isinstance(value, dict):
         return str(value)
     parts = {str(name): str(part) for name, part in value.items() if not isinstance(part, list)}

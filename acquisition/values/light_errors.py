@@ -83,11 +83,8 @@ class LightErrors:
 
     def take(self, indices: Sequence[int]) -> LightErrors:
         """Return the errors of the lights with these indices, in this order."""
-        pick = list(indices)
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
-        return LightErrors(
-            **{name: None if array is None else array[pick] for name, array in values.items()}
-        )
+        arrays = (getattr(self, field.name) for field in fields(self))
+        return LightErrors(*(None if one is None else one[list(indices)] for one in arrays))
 
     def of_directions(self, positions_mm: Float64) -> LightErrors:
         """Return the errors of the directions from the origin toward positions ``(N, 3)``."""

@@ -178,13 +178,11 @@ class Lights:
     def take(self, indices: Sequence[int]) -> Lights:
         """Return the lights with these indices, in this order."""
         pick = list(indices)
+        names = ("directions", "positions_mm", "intensities", "axes", "mu")
+        known = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
         return replace(
             self,
-            directions=None if self.directions is None else self.directions[pick],
-            positions_mm=None if self.positions_mm is None else self.positions_mm[pick],
-            intensities=_known(self.intensities)[pick],
-            axes=_known(self.axes)[pick],
-            mu=_known(self.mu)[pick],
+            **{name: values[pick] for name, values in known.items()},
             ids=tuple(self.ids[i] for i in pick),
             errors=None if self.errors is None else self.errors.take(pick),
         )

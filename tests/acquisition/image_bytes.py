@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813
@@ -44,7 +45,7 @@ def tga(pixels: np.ndarray, descriptor: int) -> bytes:
     ) + (pixels.tobytes())
 
 
-def by_library(path: Path, pixels: np.ndarray, names: tuple[str, ...] = (), **hints: str) -> Path:
+def by_library(path: Path, pixels: np.ndarray, names: tuple[str, ...] = (), **hints: Any) -> Path:
     """Write a file with OpenImageIO directly, for images that our writers refuse."""
     pixels = np.ascontiguousarray(pixels.reshape(*pixels.shape[:2], -1))
     kinds = {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import cv2
@@ -10,9 +9,8 @@ import numpy as np
 import pytest
 
 from acquisition import CameraModel, DataError, MissingPathError, read_camera, write_camera
-
-DATA = os.environ.get("SGP_DATA")
-needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of real data")
+from tests.cases import cases
+from tests.real_data import DATA, needs_data
 
 K = np.array([[1000.5, 0.25, 320.25], [0, 1001, 239.5], [0, 0, 1]])
 CAMERA = CameraModel(K, 640, 480, 350.0, np.array([-0.1, 0.01, 1e-3, -2e-3, 1e-4]))
@@ -114,36 +112,33 @@ def test_matrix_needs_the_size(tmp_path: Path) -> None:
         read_camera(path)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("name", "text", "match"),
-    [
-        pytest.param("c.json", "", "JSON", id="empty json"),
-        pytest.param("c.json", OURS.replace('"width"', '"w"'), "w", id="unknown key"),
-        pytest.param("c.json", OURS.replace('version": 1', 'version": 9'), "version", id="version"),
-        pytest.param("c.json", OURS.replace("1001", "-1"), "focal", id="negative focal length"),
-        pytest.param("c.json", OURS.replace("640", "0"), "width", id="no pixels"),
-        pytest.param("c.yml", "", "OpenCV", id="empty yaml"),
-        pytest.param("c.yml", "- 1\n- 2\n", "OpenCV", id="yaml list"),
-        pytest.param("c.yml", "%YAML:1.0\n---\na: [1,", "OpenCV", id="yaml cut short"),
-        pytest.param("c.yml", OPENCV.replace("camera_matrix", "k"), "camera_matrix", id="no K"),
-        pytest.param("c.yml", OPENCV.replace("image_width", "iw"), "no image size", id="no size"),
-        pytest.param(
+    {
+        "empty json": ("c.json", "", "JSON"),
+        "unknown key": ("c.json", OURS.replace('"width"', '"w"'), "w"),
+        "version": ("c.json", OURS.replace('version": 1', 'version": 9'), "version"),
+        "negative focal length": ("c.json", OURS.replace("1001", "-1"), "focal"),
+        "no pixels": ("c.json", OURS.replace("640", "0"), "width"),
+        "empty yaml": ("c.yml", "", "OpenCV"),
+        "yaml list": ("c.yml", "- 1\n- 2\n", "OpenCV"),
+        "yaml cut short": ("c.yml", "%YAML:1.0\n---\na: [1,", "OpenCV"),
+        "no K": ("c.yml", OPENCV.replace("camera_matrix", "k"), "camera_matrix"),
+        "no size": ("c.yml", OPENCV.replace("image_width", "iw"), "no image size"),
+        "rational distortion": (
             "c.yml",
             OPENCV.replace("rows: 5", "rows: 8").replace("0.2 ]", "0.2, 1., 2., 3. ]"),
             "five distortion",
-            id="rational distortion",
         ),
-        pytest.param("c.yml", OPENCV.replace("1001.", ".nan"), "finite", id="NaN"),
-        pytest.param("K.txt", "1 0 0\n0 1 0\n", "neither", id="two rows"),
-        pytest.param("K.txt", "", "neither", id="empty text"),
-        pytest.param("K.txt", "1 0 0\n0 x 0\n0 0 1\n", "not all finite numbers", id="text in K"),
-        pytest.param("cameras.txt", "1 FISHEYE 6 4 1 1 1\n", "line 1: model FISHEYE", id="fisheye"),
-        pytest.param("cameras.txt", "1 PINHOLE 6 4 1 1 1\n", "PINHOLE must have 4", id="count"),
-        pytest.param("cameras.txt", "1 PINHOLE nan 4 1 1 1 1\n", "finite", id="NaN size"),
-        pytest.param(
-            "cameras.txt", "1 PINHOLE 6 4 1 1 1 1\n2 PINHOLE 6 4 1 1 1 1\n", "2 cameras", id="two"
-        ),
-    ],
+        "NaN": ("c.yml", OPENCV.replace("1001.", ".nan"), "finite"),
+        "two rows": ("K.txt", "1 0 0\n0 1 0\n", "neither"),
+        "empty text": ("K.txt", "", "neither"),
+        "text in K": ("K.txt", "1 0 0\n0 x 0\n0 0 1\n", "not all finite numbers"),
+        "fisheye": ("cameras.txt", "1 FISHEYE 6 4 1 1 1\n", "line 1: model FISHEYE"),
+        "count": ("cameras.txt", "1 PINHOLE 6 4 1 1 1\n", "PINHOLE must have 4"),
+        "NaN size": ("cameras.txt", "1 PINHOLE nan 4 1 1 1 1\n", "finite"),
+        "two": ("cameras.txt", "1 PINHOLE 6 4 1 1 1 1\n2 PINHOLE 6 4 1 1 1 1\n", "2 cameras"),
+    },
 )
 def test_refused(tmp_path: Path, name: str, text: str, match: str) -> None:
     path = put(tmp_path / name, text)
@@ -171,6 +166,6 @@ def test_paths(tmp_path: Path) -> None:
 
 @needs_data
 def test_real_matrix() -> None:
-    path = Path(DATA or "") / "normals" / "diligent" / "bear" / "K.txt"
+    path = DATA / "normals" / "diligent" / "bear" / "K.txt"
     camera = read_camera(path, (512, 612))
     np.testing.assert_allclose(camera.K[0], [3772.07747, 0, 305.875], rtol=1e-8)

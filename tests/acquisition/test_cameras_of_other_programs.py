@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from acquisition import CameraModel, DataError, read_camera, write_camera
+from tests.cases import cases
 
 K = np.array([[1000.5, 0.0, 320.25], [0.0, 1001.0, 239.5], [0.0, 0.0, 1.0]])
 FIVE = np.array([-0.1, 0.01, 1e-3, -2e-3, 1e-4])
@@ -37,16 +38,15 @@ def scene(path: Path, **changes: Any) -> Path:
     return path
 
 
-@pytest.mark.parametrize(
+@cases(
     ("changes", "K", "distortion"),
-    [
-        pytest.param(
+    {
+        "an offset from half the size, with k1 k2 k3": (
             {},
             [[1000, 0, 323.5], [0, 1000, 237.75], [0, 0, 1]],
             [-0.1, 0.02, 0, 0, 0.003],
-            id="an offset from half the size, with k1 k2 k3",
         ),
-        pytest.param(
+        "before 1.2.1 a position, and a focal length in pixels": (
             {
                 "version": ["1", "2", "0"],
                 "pxFocalLength": "1200",
@@ -54,27 +54,23 @@ def scene(path: Path, **changes: Any) -> Path:
             },
             [[1200, 0, 323.5], [0, 1200, 237.75], [0, 0, 1]],
             [-0.1, 0.02, 0, 0, 0.003],
-            id="before 1.2.1 a position, and a focal length in pixels",
         ),
-        pytest.param(
+        "1.2.1: an offset, and two focal lengths in pixels": (
             {"version": ["1", "2", "1"], "pxFocalLength": ["1200", "1210"]},
             [[1200, 0, 323.5], [0, 1210, 237.75], [0, 0, 1]],
             [-0.1, 0.02, 0, 0, 0.003],
-            id="1.2.1: an offset, and two focal lengths in pixels",
         ),
-        pytest.param(
+        "brown: k1 k2 k3 t1 t2": (
             {"distortionType": "brown", "distortionParams": [1, 2, 3, 4, 5]},
             [[1000, 0, 323.5], [0, 1000, 237.75], [0, 0, 1]],
             [1, 2, 4, 5, 3],
-            id="brown: k1 k2 k3 t1 t2",
         ),
-        pytest.param(
+        "no distortion, and pixels that are not square": (
             {"distortionType": "none", "distortionParams": [], "pixelRatio": 1.25},
             [[1000, 0, 323.5], [0, 800, 237.75], [0, 0, 1]],
             [0, 0, 0, 0, 0],
-            id="no distortion, and pixels that are not square",
         ),
-    ],
+    },
 )
 @pytest.mark.parametrize("name", ["cameraInit.sfm", "sfm.json"])
 def test_alicevision(tmp_path: Path, name: str, changes: Any, K: Any, distortion: Any) -> None:
@@ -84,21 +80,21 @@ def test_alicevision(tmp_path: Path, name: str, changes: Any, K: Any, distortion
     assert camera.size == (480, 640)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("changes", "match"),
-    [
-        pytest.param({"type": "equidistant"}, "'equidistant' is not supported", id="fisheye"),
-        pytest.param({"distortionType": "3deanamorphic4"}, "3deanamorphic4", id="anamorphic"),
-        pytest.param({"distortionParams": ["1"]}, "must have 3 numbers", id="count"),
-        pytest.param({"distortionParams": ["1", "x", "2"]}, "not a finite number", id="text"),
-        pytest.param({"focalLength": "nan"}, "focalLength is 'nan'", id="nan"),
-        pytest.param({"focalLength": "-5"}, "focal", id="negative"),
-        pytest.param({"width": "640.5"}, "not a whole number", id="width"),
-        pytest.param({"sensorWidth": 0}, "must be positive", id="sensor"),
-        pytest.param({"principalPoint": ["1"]}, "must have two numbers", id="point"),
-        pytest.param({"undistortionOffset": ["1", "0"]}, "undistortion", id="undistortion"),
-        pytest.param({"version": ["a"]}, "version", id="version"),
-    ],
+    {
+        "fisheye": ({"type": "equidistant"}, "'equidistant' is not supported"),
+        "anamorphic": ({"distortionType": "3deanamorphic4"}, "3deanamorphic4"),
+        "count": ({"distortionParams": ["1"]}, "must have 3 numbers"),
+        "text": ({"distortionParams": ["1", "x", "2"]}, "not a finite number"),
+        "nan": ({"focalLength": "nan"}, "focalLength is 'nan'"),
+        "negative": ({"focalLength": "-5"}, "focal"),
+        "width": ({"width": "640.5"}, "not a whole number"),
+        "sensor": ({"sensorWidth": 0}, "must be positive"),
+        "point": ({"principalPoint": ["1"]}, "must have two numbers"),
+        "undistortion": ({"undistortionOffset": ["1", "0"]}, "undistortion"),
+        "version": ({"version": ["a"]}, "version"),
+    },
 )
 def test_alicevision_is_refused(tmp_path: Path, changes: Any, match: str) -> None:
     path = scene(tmp_path / "c.sfm", **changes)
@@ -141,13 +137,13 @@ def test_full_opencv(tmp_path: Path) -> None:
         read_camera(path)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("distortion", "model"),
-    [
-        pytest.param(FIVE, "FULL_OPENCV", id="with k3"),
-        pytest.param(FIVE * [1, 1, 1, 1, 0], "OPENCV", id="without k3"),
-        pytest.param(np.zeros(5), "PINHOLE", id="none"),
-    ],
+    {
+        "with k3": (FIVE, "FULL_OPENCV"),
+        "without k3": (FIVE * [1, 1, 1, 1, 0], "OPENCV"),
+        "none": (np.zeros(5), "PINHOLE"),
+    },
 )
 def test_cameras_txt_is_read_back(tmp_path: Path, distortion: Any, model: str) -> None:
     path = tmp_path / "cameras.txt"

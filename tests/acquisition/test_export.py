@@ -46,6 +46,21 @@ def same_pixels(folder: Path, other: Path) -> None:
         np.testing.assert_array_equal(two[led], pixels)
 
 
+def record(folder: Path, shots: dict[PlannedShot, int], lights: Lights | None = None) -> None:
+    """Record shots, each with the picture of a number."""
+    manifest = Manifest(
+        started_utc=datetime(2026, 1, 2, tzinfo=UTC),
+        operator="",
+        object="",
+        camera={"width": SIZE[1], "height": SIZE[0], "bit_depth": 12},
+        lights=None if lights is None else LightsRecord.of(lights),
+    )
+    with SessionWriter.create(folder, manifest) as writer:
+        for shot, number in shots.items():
+            writer.write_frame(shot, picture(number, SIZE))
+        writer.complete()
+
+
 @pytest.mark.parametrize("layout", ["diligent", "lp", "alicevision"])
 @pytest.mark.parametrize(
     ("channels", "cfa"),
@@ -105,18 +120,9 @@ def test_one_bracket_is_exported_and_the_others_are_reported(tmp_path: Path) -> 
 
 
 def test_intensities_of_lights_are_scaled_by_their_exposures(tmp_path: Path) -> None:
-    manifest = Manifest(
-        started_utc=datetime(2026, 1, 2, tzinfo=UTC),
-        operator="",
-        object="",
-        camera={"width": SIZE[1], "height": SIZE[0], "bit_depth": 12},
-        lights=LightsRecord.of(NEAR),
-    )
     exposures = dict(zip(LEDS, (1000.0, 500.0, 2000.0, 1000.0), strict=True))
-    with SessionWriter.create(tmp_path / "s", manifest) as writer:
-        for led, exposure_us in exposures.items():
-            writer.write_frame(PlannedShot("light", led, 0, 0, exposure_us), picture(led, SIZE))
-        writer.complete()
+    shots = [PlannedShot("light", led, 0, 0, time_us) for led, time_us in exposures.items()]
+    record(tmp_path / "s", dict(zip(shots, LEDS, strict=True)), NEAR)
     export = prepare_export(tmp_path / "s", "diligent")
     export.write(tmp_path / "out")
     written = np.loadtxt(tmp_path / "out" / "light_intensities.txt")
@@ -143,16 +149,7 @@ def test_images_of_a_rotated_camera_are_exported_upright(tmp_path: Path) -> None
 
 
 def test_repeats_are_left_out_and_reported(tmp_path: Path) -> None:
-    manifest = Manifest(
-        started_utc=datetime(2026, 1, 2, tzinfo=UTC),
-        operator="",
-        object="",
-        camera={"width": SIZE[1], "height": SIZE[0], "bit_depth": 12},
-    )
-    with SessionWriter.create(tmp_path / "s", manifest) as writer:
-        for repeat in (1, 0):
-            writer.write_frame(PlannedShot("light", 0, 0, repeat, 10.0), picture(repeat, SIZE))
-        writer.complete()
+    record(tmp_path / "s", {PlannedShot("light", 0, 0, repeat, 10.0): repeat for repeat in (1, 0)})
     lights = Lights(directions=np.array([[0, 0, 1.0]]))
     export = prepare_export(tmp_path / "s", "lp", lights=lights)
     export.write(tmp_path / "out")

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 import pytest
 from scipy.io import savemat
 
@@ -28,6 +27,8 @@ from acquisition.pixels import image_facts
 from acquisition.pixels.image_head import check_image_head, kind_of
 from acquisition.value_files.mat5 import read_mat5
 from rig import UnreadableError
+from tests.acquisition.image_bytes import by_library, chunk
+from tests.cases import cases
 
 GREY = np.arange(48, dtype=np.uint16).reshape(6, 8)
 
@@ -40,10 +41,6 @@ def refused(path: Path, said: str, **options: object) -> None:
 
 
 def png(width: int, height: int, depth: int = 8, data: bytes = b"\0" * 100) -> bytes:
-    def chunk(kind: bytes, content: bytes) -> bytes:
-        crc = zlib.crc32(kind + content)
-        return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", crc)
-
     head = struct.pack(">IIBBBBB", width, height, depth, 0, 0, 0, 0)
     return (
         b"\x89PNG\r\n\x1a\n"
@@ -84,13 +81,9 @@ def test_a_large_mask_of_one_bit_is_not_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("suffix", ["tif", "exr", "tga", "jpg", "bmp", "webp", "jp2", "jxl", "ppm"])
 def test_the_limit_holds_for_every_format(tmp_path: Path, suffix: str) -> None:
     """Some decoders unpack everything when they open a file, so the size is checked before."""
-    pixels = np.random.default_rng(0).integers(0, 255, (72, 80, 3)).astype(np.uint8)
-    path = tmp_path / f"a.{suffix}"
-    spec = oiio.ImageSpec(80, 72, 3, oiio.UINT8 if suffix != "exr" else oiio.HALF)
-    file = oiio.ImageOutput.create(str(path))
-    assert file.open(str(path), spec)
-    assert file.write_image(pixels)
-    assert file.close()
+    pixels = np.random.default_rng(0).integers(0, 255, (72, 80, 3))
+    pixels = pixels.astype(np.float16 if suffix == "exr" else np.uint8)
+    path = by_library(tmp_path / f"a.{suffix}", pixels)
     assert read_image(path, max_pixels=72 * 80).shape == (72, 80, 3)
     refused(path, "80 x 72 pixels, 5759 are allowed", max_pixels=72 * 80 - 1)
     kind = kind_of(path.read_bytes()[:4096], path.suffix)
@@ -122,11 +115,7 @@ def test_size_of_lossy_and_lossless_webp(tmp_path: Path) -> None:
 )
 def test_size_of_jpeg_xl(tmp_path: Path, width: int, height: int) -> None:
     """The header has special forms for small sides and for common ratios."""
-    path = tmp_path / "a.jxl"
-    file = oiio.ImageOutput.create(str(path))
-    assert file.open(str(path), oiio.ImageSpec(width, height, 1, oiio.UINT8))
-    assert file.write_image(np.zeros((height, width, 1), np.uint8))
-    assert file.close()
+    path = by_library(tmp_path / "a.jxl", np.zeros((height, width), np.uint8))
     with pytest.raises(UnreadableError, match=f"{width} x {height} pixels"):
         check_image_head(path, 1)
 
@@ -150,14 +139,7 @@ def test_flipped_bits_in_the_header_of_an_exr(tmp_path: Path) -> None:
 
 
 def test_an_image_with_text_in_another_encoding_is_read(tmp_path: Path) -> None:
-    path = tmp_path / "a.tif"
-    spec = oiio.ImageSpec(8, 6, 1, oiio.UINT16)
-    spec.attribute("Make", "Agfaphoto")
-    spec.attribute("Model", "One")
-    file = oiio.ImageOutput.create(str(path))
-    assert file.open(str(path), spec)
-    assert file.write_image(GREY[..., None])
-    assert file.close()
+    path = by_library(tmp_path / "a.tif", GREY, Make="Agfaphoto", Model="One")
     path.write_bytes(path.read_bytes().replace(b"Agfaphoto", b"Agfaph\xf6t\xf6"))
     np.testing.assert_array_equal(read_image(path), GREY)
     data = image_facts(path).shot
@@ -222,16 +204,16 @@ def test_plans(tmp_path: Path, text: str, said: str) -> None:
     assert len(str(caught.value)) < 1000
 
 
-@pytest.mark.parametrize(
+@cases(
     ("name", "text", "said"),
-    [
-        pytest.param("a.lp", "9" * 5000 + "\na 0 0 1\n", "light follows", id="lp count"),
-        pytest.param("a.lp", "1\na 0 0 " + "9" * 5000 + "\n", "5006 characters", id="lp digits"),
-        pytest.param("a.txt", "0 0 1\n0 0 1e200\n", "larger than 1e", id="far"),
-        pytest.param("a.txt", "0 0 1\n" * 100_002, "at most", id="lines"),
-        pytest.param("a.json", "[" * 50_000, "nested", id="json nested"),
-        pytest.param("a.json", '{"version": ' + "9" * 5000, "digits", id="json digits"),
-    ],
+    {
+        "lp count": ("a.lp", "9" * 5000 + "\na 0 0 1\n", "light follows"),
+        "lp digits": ("a.lp", "1\na 0 0 " + "9" * 5000 + "\n", "5006 characters"),
+        "far": ("a.txt", "0 0 1\n0 0 1e200\n", "larger than 1e"),
+        "lines": ("a.txt", "0 0 1\n" * 100_002, "at most"),
+        "json nested": ("a.json", "[" * 50_000, "nested"),
+        "json digits": ("a.json", '{"version": ' + "9" * 5000, "digits"),
+    },
 )
 def test_lights(tmp_path: Path, name: str, text: str, said: str) -> None:
     path = tmp_path / name
@@ -256,17 +238,15 @@ XML_MATRIX = (
 )
 
 
-@pytest.mark.parametrize(
+@cases(
     ("name", "text"),
-    [
-        pytest.param("c.yml", HEAD + MATRIX, id="yaml"),
-        pytest.param("c.xml", XML.format(XML_MATRIX), id="xml"),
-        pytest.param("c.yml", HEAD + "more:\n   - { a: [1, 2] }\n   - x\n" + MATRIX, id="others"),
-        pytest.param(
-            "c.yml", HEAD + MATRIX.replace("0., 9., 1.,", "0.,\n       9., 1.,"), id="two lines"
-        ),
-        pytest.param("c.xml", XML.format(f"<more><a><b>1</b></a></more>{XML_MATRIX}"), id="more"),
-    ],
+    {
+        "yaml": ("c.yml", HEAD + MATRIX),
+        "xml": ("c.xml", XML.format(XML_MATRIX)),
+        "others": ("c.yml", HEAD + "more:\n   - { a: [1, 2] }\n   - x\n" + MATRIX),
+        "two lines": ("c.yml", HEAD + MATRIX.replace("0., 9., 1.,", "0.,\n       9., 1.,")),
+        "more": ("c.xml", XML.format(f"<more><a><b>1</b></a></more>{XML_MATRIX}")),
+    },
 )
 def test_camera_files_of_opencv(tmp_path: Path, name: str, text: str) -> None:
     path = tmp_path / name
@@ -278,23 +258,21 @@ def test_camera_files_of_opencv(tmp_path: Path, name: str, text: str) -> None:
     assert camera.size == (48, 64)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("name", "text", "said"),
-    [
-        pytest.param("c.xml", XML.format("<a>" * 30_000), "nested", id="xml nested"),
-        pytest.param("c.xml", XML.format("<a>"), "not an OpenCV camera file", id="xml not closed"),
-        pytest.param(
-            "c.xml", "<!DOCTYPE a [<!ENTITY b 'c'>]>" + XML.format("&b;"), "document", id="entities"
-        ),
-        pytest.param("c.yml", HEAD + "a: " + "[" * 30_000, "camera_matrix", id="yaml brackets"),
-        pytest.param("c.yml", HEAD + "- " * 30_000, "not an OpenCV camera file", id="yaml dashes"),
-        pytest.param("c.yml", HEAD + MATRIX.replace(" ]", ""), "no closing bracket", id="cut"),
-        pytest.param("c.yml", HEAD + MATRIX.replace(", 1. ]", " ]"), "3 x 3", id="eight"),
-        pytest.param("c.yml", HEAD + MATRIX.replace("rows: 3", "rows: 1e9"), "numbers", id="rows"),
-        pytest.param("c.yml", HEAD + MATRIX.replace("9.", "x"), "3 x 3 numbers", id="words"),
-        pytest.param("c.yml", HEAD + "camera_matrix: 5\n", "not a matrix", id="no matrix"),
-        pytest.param("c.yml", HEAD.replace("64", "9" * 400) + MATRIX, "no image size", id="width"),
-    ],
+    {
+        "xml nested": ("c.xml", XML.format("<a>" * 30_000), "nested"),
+        "xml not closed": ("c.xml", XML.format("<a>"), "not an OpenCV camera file"),
+        "entities": ("c.xml", "<!DOCTYPE a [<!ENTITY b 'c'>]>" + XML.format("&b;"), "document"),
+        "yaml brackets": ("c.yml", HEAD + "a: " + "[" * 30_000, "camera_matrix"),
+        "yaml dashes": ("c.yml", HEAD + "- " * 30_000, "not an OpenCV camera file"),
+        "cut": ("c.yml", HEAD + MATRIX.replace(" ]", ""), "no closing bracket"),
+        "eight": ("c.yml", HEAD + MATRIX.replace(", 1. ]", " ]"), "3 x 3"),
+        "rows": ("c.yml", HEAD + MATRIX.replace("rows: 3", "rows: 1e9"), "numbers"),
+        "words": ("c.yml", HEAD + MATRIX.replace("9.", "x"), "3 x 3 numbers"),
+        "no matrix": ("c.yml", HEAD + "camera_matrix: 5\n", "not a matrix"),
+        "width": ("c.yml", HEAD.replace("64", "9" * 400) + MATRIX, "no image size"),
+    },
 )
 def test_damaged_camera_files_of_opencv(tmp_path: Path, name: str, text: str, said: str) -> None:
     """OpenCV's own reader crashes the process on deep nesting."""

@@ -24,6 +24,8 @@ from acquisition.pixels.exif_block import tiff_tags
 from acquisition.pixels.mask_files import read_mask_of
 from acquisition.pixels.stated_facts import shot_facts
 from tests.acquisition.dng_file import dng
+from tests.acquisition.image_bytes import chunk
+from tests.cases import cases
 
 GREY = np.arange(48, dtype=np.uint16).reshape(6, 8) * 1000
 TAGS = [(33434, "2I", 1, (1, 50), True), (34855, "H", 1, 200, True), (274, "H", 1, 6, True)]
@@ -41,10 +43,9 @@ def exif(**first: int) -> bytes:
 def png(block: bytes, *, late: bool) -> bytes:
     out = io.BytesIO()
     Image.fromarray(GREY).save(out, "png")
-    data, body = out.getvalue(), b"eXIf" + block
-    more = struct.pack(">I", len(block)) + body + struct.pack(">I", zlib.crc32(body))
+    data = out.getvalue()
     at = len(data) - 12 if late else 33
-    return data[:at] + more + data[at:]
+    return data[:at] + chunk(b"eXIf", block) + data[at:]
 
 
 def tiff(path: Path, **options: Any) -> None:
@@ -59,10 +60,9 @@ def text_chunk(path: Path, name: str) -> None:
     """Write a PNG with its block as Exiv2 and ImageMagick do."""
     block = b"Exif\0\0" + exif()
     text = f"\n{name}\n{len(block):8d}\n{block.hex()}\n".encode()
-    body = b"zTXtRaw profile type exif\0\0" + zlib.compress(text)
     data = png(b"", late=True)
-    chunk = struct.pack(">I", len(body) - 4) + body + struct.pack(">I", zlib.crc32(body))
-    path.write_bytes(data[:33] + chunk + data[33:])
+    more = chunk(b"zTXt", b"Raw profile type exif\0\0" + zlib.compress(text))
+    path.write_bytes(data[:33] + more + data[33:])
 
 
 FILES: dict[str, Callable[[Path], object]] = {
@@ -84,26 +84,23 @@ def test_shots_of_every_format(tmp_path: Path, name: str) -> None:
     assert image_facts(tmp_path / name).shot == STATED
 
 
-@pytest.mark.parametrize(
+@cases(
     ("properties", "expected"),
-    [
-        pytest.param(
+    {
+        "attributes": (
             'exif:ExposureTime="1/50" exif:FNumber="8"',
             ShotFacts(exposure_us=20_000, f_number=8, orientation=1),
-            id="attributes",
         ),
-        pytest.param(
+        "elements": (
             "><exif:ExposureTime>0.02</exif:ExposureTime><exif:ISOSpeedRatings>\n<rdf:Seq>"
             "<rdf:li>200</rdf:li></rdf:Seq></exif:ISOSpeedRatings",
             ShotFacts(exposure_us=20_000, iso=200, orientation=1),
-            id="elements",
         ),
-        pytest.param(
+        "no numbers": (
             'exif:ExposureTime="0/0" exif:FNumber="1e999999999"',
             ShotFacts(orientation=1),
-            id="no numbers",
         ),
-    ],
+    },
 )
 def test_properties_in_xmp(tmp_path: Path, properties: str, expected: ShotFacts) -> None:
     packet = f"<x:xmpmeta><rdf:Description {properties}/></x:xmpmeta>"
@@ -142,48 +139,48 @@ def test_exposure_of_radiance_files(tmp_path: Path) -> None:
     assert image_facts(path).shot.time_us == 2e6
 
 
-@pytest.mark.parametrize(
+@cases(
     "block",
-    [
-        pytest.param(b"", id="empty"),
-        pytest.param(b"II*\0", id="cut"),
-        pytest.param(b"II*\0\xff\xff\xff\xff", id="far away"),
-        pytest.param(b"II*\0\x08\0\0\0" + b"\xff" * 80, id="too many entries"),
-        pytest.param(exif()[:30] + struct.pack("<I", 8) + exif()[34:], id="a circle"),
-        pytest.param(exif()[:-4] + bytes(4), id="divided by zero"),
-    ],
+    {
+        "empty": b"",
+        "cut": b"II*\0",
+        "far away": b"II*\0\xff\xff\xff\xff",
+        "too many entries": b"II*\0\x08\0\0\0" + b"\xff" * 80,
+        "a circle": exif()[:30] + struct.pack("<I", 8) + exif()[34:],
+        "divided by zero": exif()[:-4] + bytes(4),
+    },
 )
 def test_damaged_tags_state_nothing(block: bytes) -> None:
     assert 33434 not in tiff_tags(io.BytesIO(block), {33434})
 
 
-@pytest.mark.parametrize(
+@cases(
     ("tags", "expected"),
-    [
-        pytest.param({33434: 1 / 60, 37377: 6.0}, {"time_us": 15_625}, id="finer"),
-        pytest.param({33434: 1 / 60, 37377: 3.0}, {"shutter_us": None}, id="contradicts"),
-        pytest.param({37377: 1e9, 33434: 0.0}, {"time_us": None}, id="markers"),
-        pytest.param({34855: 65535.0, 34866: 102_400.0}, {"iso": 102_400}, id="ISO elsewhere"),
-        pytest.param({37378: 6.0}, {"f_number": 8}, id="aperture in stops"),
-        pytest.param({274: 9.0}, {"orientation": 1}, id="no orientation"),
-    ],
+    {
+        "finer": ({33434: 1 / 60, 37377: 6.0}, {"time_us": 15_625}),
+        "contradicts": ({33434: 1 / 60, 37377: 3.0}, {"shutter_us": None}),
+        "markers": ({37377: 1e9, 33434: 0.0}, {"time_us": None}),
+        "ISO elsewhere": ({34855: 65535.0, 34866: 102_400.0}, {"iso": 102_400}),
+        "aperture in stops": ({37378: 6.0}, {"f_number": 8}),
+        "no orientation": ({274: 9.0}, {"orientation": 1}),
+    },
 )
 def test_meaning_of_tags(tags: dict[int, float | str], expected: dict[str, object]) -> None:
     shot = shot_facts(tags)
     assert {name: getattr(shot, name) for name in expected} == expected
 
 
-@pytest.mark.parametrize(
+@cases(
     ("change", "said"),
-    [
-        pytest.param({"iso": 400}, "ISO 400 .*Sensitivity.* a.tif has ISO 200", id="iso"),
-        pytest.param({"f_number": 8}, "f/8 .*FNumber.* has f/11", id="aperture"),
-        pytest.param({"orientation": 8}, "Orientation tag 8, but a.tif has 6", id="orientation"),
-        pytest.param({"window": (3, 0, 0, 0, 9, 9)}, r"at \(3, 0\), .* at \(0, 0\)", id="window"),
-        pytest.param({"shape": (6, 9)}, "9 x 6 grey uint16, .* 8 x 6 grey", id="size"),
-        pytest.param({"iso": None, "f_number": None, "orientation": None}, None, id="unknown"),
-        pytest.param({"f_number": 11.1}, None, id="rounded"),
-    ],
+    {
+        "iso": ({"iso": 400}, "ISO 400 .*Sensitivity.* a.tif has ISO 200"),
+        "aperture": ({"f_number": 8}, "f/8 .*FNumber.* has f/11"),
+        "orientation": ({"orientation": 8}, "Orientation tag 8, but a.tif has 6"),
+        "window": ({"window": (3, 0, 0, 0, 9, 9)}, r"at \(3, 0\), .* at \(0, 0\)"),
+        "size": ({"shape": (6, 9)}, "9 x 6 grey uint16, .* 8 x 6 grey"),
+        "unknown": ({"iso": None, "f_number": None, "orientation": None}, None),
+        "rounded": ({"f_number": 11.1}, None),
+    },
 )
 def test_what_a_series_cannot_differ_in(change: dict[str, Any], said: str | None) -> None:
     first = ImageFacts(Path("a.tif"), replace(STATED, f_number=11), (6, 8), np.dtype(np.uint16))
@@ -232,15 +229,15 @@ def test_the_largest_sample_is_black_where_the_file_says_so(tmp_path: Path) -> N
         read_image(path)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("options", "said"),
-    [
-        pytest.param({"photometric": "cielab"}, r"CIE L\*a\*b\*", id="lab"),
-        pytest.param({"photometric": "separated", "extrasamples": []}, "CMYK", id="cmyk"),
-        pytest.param({"photometric": "cfa"}, "colour filter mosaic", id="mosaic"),
-        pytest.param({"compression": "zstd"}, "compressed as ZSTD", id="zstd"),
-        pytest.param({"compression": "lerc"}, "compressed as LERC", id="lerc"),
-    ],
+    {
+        "lab": ({"photometric": "cielab"}, r"CIE L\*a\*b\*"),
+        "cmyk": ({"photometric": "separated", "extrasamples": []}, "CMYK"),
+        "mosaic": ({"photometric": "cfa"}, "colour filter mosaic"),
+        "zstd": ({"compression": "zstd"}, "compressed as ZSTD"),
+        "lerc": ({"compression": "lerc"}, "compressed as LERC"),
+    },
 )
 def test_what_cannot_be_read_is_named(tmp_path: Path, options: dict[str, Any], said: str) -> None:
     count = {"cielab": 3, "separated": 4}.get(options.get("photometric", ""), 1)
@@ -250,16 +247,16 @@ def test_what_cannot_be_read_is_named(tmp_path: Path, options: dict[str, Any], s
         read_image(tmp_path / "a.tif")
 
 
-@pytest.mark.parametrize(
+@cases(
     ("images", "mask", "size", "fits"),
-    [
-        pytest.param(1, 1, (6, 8), True, id="none"),
-        pytest.param(3, 3, (6, 8), True, id="alike"),
-        pytest.param(3, 1, (6, 8), False, id="images turned"),
-        pytest.param(1, 3, (6, 8), False, id="mask turned"),
-        pytest.param(6, 1, (6, 8), True, id="the size shows that it is not turned"),
-        pytest.param(6, 1, (8, 8), False, id="the size does not show it"),
-    ],
+    {
+        "none": (1, 1, (6, 8), True),
+        "alike": (3, 3, (6, 8), True),
+        "images turned": (3, 1, (6, 8), False),
+        "mask turned": (1, 3, (6, 8), False),
+        "the size shows that it is not turned": (6, 1, (6, 8), True),
+        "the size does not show it": (6, 1, (8, 8), False),
+    },
 )
 def test_masks_of_turned_images(
     tmp_path: Path, images: int, mask: int, size: tuple[int, int], fits: bool

@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-import os
 import struct
 from pathlib import Path
 
 import cv2
 import numpy as np
-import OpenImageIO as oiio  # noqa: N813
 import pytest
 
 from acquisition import read_image
 from acquisition.pixels import image_facts, read_image_with_alpha
 from tests.acquisition.image_bytes import BIG, RGB, RGB16, by_library, chunk, png, tga
-
-DATA = os.environ.get("SGP_DATA")
-
-
-needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of real data")
-
+from tests.cases import cases
+from tests.real_data import DATA, needs_data
 
 GREY_ALPHA = np.stack([RGB[..., 0], np.full((4, 5), 7, np.uint8)], -1)
 
@@ -36,52 +30,38 @@ INDEXED = np.array([[255, 0, 0], [0, 255, 0], [1, 2, 3], [9, 9, 9]], np.uint8)
 BGRA_UP = RGBA[::-1, :, [2, 1, 0, 3]]
 
 
-@pytest.mark.parametrize(
+@cases(
     ("name", "data", "expected"),
-    [
-        pytest.param("a.png", png(RGB.reshape(4, -1), 8, 2), RGB, id="png RGB 8"),
-        pytest.param("a.png", png(BIG, 16, 2), RGB16, id="png RGB 16 is big-endian"),
-        pytest.param("a.png", png(RGB[..., 0], 8, 0), RGB[..., 0], id="png grey"),
-        pytest.param(
-            "a.png", png(GREY_ALPHA.reshape(4, -1), 8, 4), RGB[..., 0], id="png grey, alpha dropped"
-        ),
-        pytest.param(
-            "a.png", png(RGBA.reshape(4, -1), 8, 6), RGB, id="png RGB not multiplied by alpha"
-        ),
-        pytest.param(
+    {
+        "png RGB 8": ("a.png", png(RGB.reshape(4, -1), 8, 2), RGB),
+        "png RGB 16 is big-endian": ("a.png", png(BIG, 16, 2), RGB16),
+        "png grey": ("a.png", png(RGB[..., 0], 8, 0), RGB[..., 0]),
+        "png grey, alpha dropped": ("a.png", png(GREY_ALPHA.reshape(4, -1), 8, 4), RGB[..., 0]),
+        "png RGB not multiplied by alpha": ("a.png", png(RGBA.reshape(4, -1), 8, 6), RGB),
+        "png palette of 2 bits": (
             "a.png",
             png(np.array([[0b00011011]], np.uint8), 2, 3, PALETTE),
             INDEXED[None],
-            id="png palette of 2 bits",
         ),
-        pytest.param(
+        "png of 1 bit": (
             "a.png",
             png(np.array([[0b10100000]], np.uint8), 1, 0),
             np.array([[255, 0, 255, 0, 0, 0, 0, 0]], np.uint8),
-            id="png of 1 bit",
         ),
-        pytest.param(
+        "png gamma chunk is not applied": (
             "a.png",
             png(RGB.reshape(4, -1), 8, 2, chunk(b"gAMA", struct.pack(">I", 45455))),
             RGB,
-            id="png gamma chunk is not applied",
         ),
-        pytest.param(
-            "a.png", png(RGB.reshape(4, -1), 8, 2) + b"trailing", RGB, id="png with bytes after it"
-        ),
-        pytest.param("a.tga", tga(RGB[::-1, :, ::-1], 0), RGB, id="tga bottom up, BGR"),
-        pytest.param("a.tga", tga(RGB[:, :, ::-1], 0x20), RGB, id="tga top down"),
-        pytest.param("a.tga", tga(BGRA_UP, 8), RGB, id="tga alpha dropped"),
-        pytest.param("a.tga", tga(RGB[::-1, :, 1], 0), RGB[..., 1], id="tga grey"),
-        pytest.param(
-            "a.ppm",
-            b"P6 5 4 65535\n" + RGB16.astype(">u2").tobytes(),
-            RGB16,
-            id="ppm of 16 bits",
-        ),
-        pytest.param("a.pgm", b"P5 5 4 255\n" + RGB[..., 2].tobytes(), RGB[..., 2], id="pgm"),
-        pytest.param("a.jpg", png(RGB.reshape(4, -1), 8, 2), RGB, id="content wins over the name"),
-    ],
+        "png with bytes after it": ("a.png", png(RGB.reshape(4, -1), 8, 2) + b"trailing", RGB),
+        "tga bottom up, BGR": ("a.tga", tga(RGB[::-1, :, ::-1], 0), RGB),
+        "tga top down": ("a.tga", tga(RGB[:, :, ::-1], 0x20), RGB),
+        "tga alpha dropped": ("a.tga", tga(BGRA_UP, 8), RGB),
+        "tga grey": ("a.tga", tga(RGB[::-1, :, 1], 0), RGB[..., 1]),
+        "ppm of 16 bits": ("a.ppm", b"P6 5 4 65535\n" + RGB16.astype(">u2").tobytes(), RGB16),
+        "pgm": ("a.pgm", b"P5 5 4 255\n" + RGB[..., 2].tobytes(), RGB[..., 2]),
+        "content wins over the name": ("a.jpg", png(RGB.reshape(4, -1), 8, 2), RGB),
+    },
 )
 def test_hand_made_files(tmp_path: Path, name: str, data: bytes, expected: np.ndarray) -> None:
     path = tmp_path / name
@@ -94,13 +74,13 @@ def test_hand_made_files(tmp_path: Path, name: str, data: bytes, expected: np.nd
     assert (form.shape, form.dtype) == (expected.shape, expected.dtype)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("data", "expected"),
-    [
-        pytest.param(png(RGBA.reshape(4, -1), 8, 6), RGBA[..., 3], id="png RGB"),
-        pytest.param(png(GREY_ALPHA.reshape(4, -1), 8, 4), GREY_ALPHA[..., 1], id="png grey"),
-        pytest.param(png(RGB.reshape(4, -1), 8, 2), None, id="none"),
-    ],
+    {
+        "png RGB": (png(RGBA.reshape(4, -1), 8, 6), RGBA[..., 3]),
+        "png grey": (png(GREY_ALPHA.reshape(4, -1), 8, 4), GREY_ALPHA[..., 1]),
+        "none": (png(RGB.reshape(4, -1), 8, 2), None),
+    },
 )
 def test_alpha_is_returned_with_the_colours(
     tmp_path: Path, data: bytes, expected: np.ndarray | None
@@ -130,12 +110,7 @@ def test_jpeg_is_rgb_and_not_rotated_by_its_orientation(tmp_path: Path) -> None:
     assert pixels.shape == (16, 32, 3)
     assert pixels[..., 0].min() > 240
     assert pixels[..., 1:].max() < 12
-    turned = oiio.ImageSpec(32, 16, 3, oiio.UINT8)
-    turned.attribute("Orientation", 6)
-    file = oiio.ImageOutput.create("jpeg")
-    assert file.open(str(path), turned)
-    assert file.write_image(picture)
-    assert file.close()
+    by_library(path, picture, Orientation=6)
     assert read_image(path).shape == (16, 32, 3)
 
 
@@ -156,13 +131,13 @@ def test_exr_channels_are_chosen_by_name(tmp_path: Path) -> None:
     ],
 )
 def test_real_images(name: str, shape: tuple[int, ...], dtype: type) -> None:
-    pixels = read_image(Path(DATA or "") / name)
+    pixels = read_image(DATA / name)
     assert pixels.shape == shape
     assert pixels.dtype == dtype
     assert pixels.max() > 100
     if name.endswith((".png", ".jpg")):
         # Another decoder that does not rotate either; JPEG decoders may differ by rounding.
         flags = cv2.IMREAD_UNCHANGED
-        other = cv2.imread(str(Path(DATA or "") / name), flags)
+        other = cv2.imread(str(DATA / name), flags)
         other = other[..., ::-1] if other.ndim == 3 else other
         assert np.abs(other.astype(int) - pixels).max() <= (3 if name.endswith("jpg") else 0)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from acquisition import DataError, MissingPathError, StorageError, read_image, write_png
 from tests.acquisition.image_bytes import BIG, NOISE, RGB, by_library, png, tga
+from tests.cases import cases
 
 ENCODINGS = [
     ("a.tif", "none", np.uint16),
@@ -81,14 +82,14 @@ def test_a_damaged_png_prints_nothing(tmp_path: Path, capfd: pytest.CaptureFixtu
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize(
+@cases(
     ("name", "content", "match"),
-    [
-        pytest.param("a.png", b"", "not a readable image", id="empty"),
-        pytest.param("a.txt", b"0.1 0.2 0.3\n" * 50, "not a readable image", id="text"),
-        pytest.param("a.tif", b"\0" * 4000, "not a readable image", id="zeros"),
-        pytest.param("a.kdc", b"II*\0" + b"\0" * 100, "RAW", id="camera RAW"),
-    ],
+    {
+        "empty": ("a.png", b"", "not a readable image"),
+        "text": ("a.txt", b"0.1 0.2 0.3\n" * 50, "not a readable image"),
+        "zeros": ("a.tif", b"\0" * 4000, "not a readable image"),
+        "camera RAW": ("a.kdc", b"II*\0" + b"\0" * 100, "RAW"),
+    },
 )
 def test_files_that_are_not_images_are_refused_by_name(
     tmp_path: Path, name: str, content: bytes, match: str
@@ -100,18 +101,14 @@ def test_files_that_are_not_images_are_refused_by_name(
     assert str(path) in str(caught.value)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("suffix", "pixels", "names", "match"),
-    [
-        pytest.param(".tif", np.ones((3, 4), np.int16), (), "int16", id="signed"),
-        pytest.param(".tif", np.ones((3, 4), np.uint32), (), "uint", id="32 bit"),
-        pytest.param(
-            ".exr", np.ones((3, 4, 2), np.float32), ("u", "v"), "channels u, v", id="2 channels"
-        ),
-        pytest.param(
-            ".exr", np.ones((3, 4, 5), np.float32), tuple("abcde"), "channels", id="5 channels"
-        ),
-    ],
+    {
+        "signed": (".tif", np.ones((3, 4), np.int16), (), "int16"),
+        "32 bit": (".tif", np.ones((3, 4), np.uint32), (), "uint"),
+        "2 channels": (".exr", np.ones((3, 4, 2), np.float32), ("u", "v"), "channels u, v"),
+        "5 channels": (".exr", np.ones((3, 4, 5), np.float32), tuple("abcde"), "channels"),
+    },
 )
 def test_unsupported_samples_and_channels(
     tmp_path: Path, suffix: str, pixels: np.ndarray, names: tuple[str, ...], match: str

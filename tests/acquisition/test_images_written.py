@@ -37,19 +37,6 @@ def test_tiff_holds_the_unchanged_samples(
     np.testing.assert_array_equal(read_image(path), pixels)
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
-@pytest.mark.parametrize("shape", [(4, 5), (4, 5, 3)])
-def test_png_agrees_with_another_decoder(
-    tmp_path: Path, shape: tuple[int, ...], dtype: type
-) -> None:
-    pixels = np.random.default_rng(4).integers(0, np.iinfo(dtype).max, shape).astype(dtype)
-    path = tmp_path / "a.png"
-    write_png(path, pixels)
-    other = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    np.testing.assert_array_equal(other[..., ::-1] if len(shape) == 3 else other, pixels)
-    np.testing.assert_array_equal(read_image(path), pixels)
-
-
 @settings(
     max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import OpenImageIO as oiio  # noqa: N813
 import pytest
 
 from acquisition import (
@@ -28,9 +26,8 @@ from acquisition.exports import prepare_export
 from acquisition.imports import read_import
 from acquisition.pixels import read_raw, write_tiff
 from acquisition.source.image_folder import images_source
-
-DATA = os.environ.get("SGP_DATA")
-needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of real data")
+from tests.acquisition.image_bytes import by_library
+from tests.real_data import DATA, needs_data
 
 PIXELS = np.random.default_rng(8).integers(0, 65535, (12, 4, 6, 3)).astype(np.uint16)
 
@@ -189,14 +186,9 @@ def test_images_that_are_named_after_leds_keep_their_leds(tmp_path: Path) -> Non
 
 
 def test_the_exposure_that_an_image_states_is_kept(tmp_path: Path) -> None:
-    spec = oiio.ImageSpec(6, 4, 3, oiio.UINT16)
-    spec.attribute("ExposureTime", 0.0125)
-    spec.attribute("Make", "Acme")
     for index in range(2):
-        file = oiio.ImageOutput.create("tiff")
-        assert file.open(str(tmp_path / f"a.{index}.tif"), spec)
-        assert file.write_image(PIXELS[index])
-        assert file.close()
+        path = tmp_path / f"a.{index}.tif"
+        by_library(path, PIXELS[index], ExposureTime=0.0125, Make="Acme")
     session = import_frames(read_import(tmp_path), tmp_path / "out")
     assert [frame.exposure_us for frame in session.frames] == [12_500, 12_500]
     assert session.manifest.camera.vendor == "Acme"
@@ -236,7 +228,7 @@ def test_an_lp_matches_by_name_or_by_order_or_is_refused(
 
 @needs_data
 def test_real_diligent_captures_become_a_session(tmp_path: Path) -> None:
-    folder = Path(DATA or "") / "diligent" / "catPNG"
+    folder = DATA / "diligent" / "catPNG"
     source = read_import(folder)
     source = replace(
         source, frames=source.frames[:5], lights=source.lights and source.lights.take(range(5))
@@ -260,7 +252,7 @@ def test_real_diligent_captures_become_a_session(tmp_path: Path) -> None:
 
 @needs_data
 def test_a_real_raw_file_becomes_one_frame_with_its_mosaic(tmp_path: Path) -> None:
-    path = Path(DATA or "") / "raw" / "RAW_KODAK_DC50.KDC"
+    path = DATA / "raw" / "RAW_KODAK_DC50.KDC"
     session = import_frames(
         read_source(path), tmp_path / "out", Labels(operator="op", object_name="street")
     )
@@ -277,7 +269,7 @@ def test_a_real_raw_file_becomes_one_frame_with_its_mosaic(tmp_path: Path) -> No
 
 @needs_data
 def test_real_captures_become_a_session(tmp_path: Path) -> None:
-    source = read_source(Path(DATA or "") / "uw" / "buddha")
+    source = read_source(DATA / "uw" / "buddha")
     session = import_frames(source, tmp_path / "out", Labels(operator="op", object_name="buddha"))
     assert verify_session(tmp_path / "out").ok
     assert len(session.frames) == 12

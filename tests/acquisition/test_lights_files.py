@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +11,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from acquisition import DataError, Lights, MissingPathError, StorageError, read_lights, write_lights
-
-DATA = os.environ.get("SGP_DATA")
-needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of real data")
+from tests.cases import cases
+from tests.real_data import DATA, needs_data
 
 GOLDEN_NEAR = """\
 {
@@ -105,79 +103,31 @@ def changed(**changes: object) -> str:
     return json.dumps({"format": "sgp-lights", "version": 1, "lights": [other, light]})
 
 
-@pytest.mark.parametrize(
-    ("text", "match"),
-    [
-        pytest.param("", "JSON", id="empty"),
-        pytest.param("{", "JSON", id="cut short"),
-        pytest.param("[]", "valid dictionary|object", id="a list"),
-        pytest.param(
-            changed().replace('"version": 1', '"version": 3'),
-            "version 3 of sgp-lights is unknown, this program reads 1 and 2",
-            id="version",
-        ),
-        pytest.param(changed().replace('"version": 1', '"version": true'), "True", id="no version"),
-        pytest.param(changed().replace("sgp-lights", "lights"), "format", id="format"),
-        pytest.param(changed(colour="red"), "unknown key 'lights.1.colour'", id="unknown key"),
-        pytest.param(changed(position_mm=[0, 0, 0]), "light L00 is a zero vector", id="zero"),
-        pytest.param(
-            changed(position_mm=[0, 0, 1e999]).replace("Infinity", "NaN"), "lights.1", id="NaN"
-        ),
-        pytest.param(changed(position_mm=[0, "x", 1]), "lights.1.position_mm.1", id="text"),
-        pytest.param(changed(position_mm=[0, 1]), "lights.1.position_mm", id="two numbers"),
-        pytest.param(changed(position_mm=None), "either direction or", id="no vector"),
-        pytest.param(changed(direction=[0, 0, 1]), "either direction or", id="both vectors"),
-        pytest.param(
-            changed(position_mm=None, direction=[0, 0, 1]), "L00 differs in kind", id="mixed"
-        ),
-        pytest.param(
-            changed(axis=None), "L00 differs .* give all lights an axis", id="one axis missing"
-        ),
-        pytest.param(changed(id="L01"), "L01 is listed twice", id="same id"),
-        pytest.param(changed(intensity=[1, 0, 1]), "L00 has an intensity", id="no light"),
-        pytest.param(changed(mu=-1), "lights.1.mu", id="negative mu"),
-        pytest.param('{"format": "sgp-lights", "version": 1, "lights": []}', "lights", id="none"),
-    ],
-)
-def test_lights_json_refused(tmp_path: Path, text: str, match: str) -> None:
-    path = put(tmp_path / "lights.json", text)
-    with pytest.raises(DataError, match=match) as caught:
-        read_lights(path)
-    assert str(caught.value).startswith(str(path))
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
+@cases(
     ("content", "names", "vectors"),
-    [
-        pytest.param(
+    {
+        "plain": (
             "2\na.jpg 0 0 1\nb.jpg 0.6 0 0.8\n",
             ("a.jpg", "b.jpg"),
             [[0, 0, 1], [0.6, 0, 0.8]],
-            id="plain",
         ),
-        pytest.param(
+        "BOM, CRLF, tabs, blank lines, not unit": (
             b"\xef\xbb\xbf2\r\na.jpg\t0\t0\t1\r\n\r\nb.jpg 3 0 4\r\n\r\n",
             ("a.jpg", "b.jpg"),
             [[0, 0, 1], [0.6, 0, 0.8]],
-            id="BOM, CRLF, tabs, blank lines, not unit",
         ),
-        pytest.param(
+        "Windows path, spaces, decimal commas, no final newline": (
             "1\nC:\\My Captures\\owl 2\\img 01.jpg 0,0 0,6 0,8",
             ("img 01.jpg",),
             [[0, 0.6, 0.8]],
-            id="Windows path, spaces, decimal commas, no final newline",
         ),
-        pytest.param(
+        "posix path, exponent, negative": (
             "1\n/home/x/a b/c.0.tga -1e-1 0 0\n",
             ("c.0.tga",),
             [[-1, 0, 0]],
-            id="posix path, exponent, negative",
         ),
-        pytest.param(
-            b"1\nM\xfcller.jpg 0 0 1\n", ("M\xfcller.jpg",), [[0, 0, 1]], id="Latin-1 name"
-        ),
-    ],
+        "Latin-1 name": (b"1\nM\xfcller.jpg 0 0 1\n", ("M\xfcller.jpg",), [[0, 0, 1]]),
+    },
 )
 def test_lp_files_of_other_programs(
     tmp_path: Path, content: str | bytes, names: tuple[str, ...], vectors: list[list[float]]
@@ -185,35 +135,6 @@ def test_lp_files_of_other_programs(
     lights = read_lights(put(tmp_path / "dome.LP", content))
     assert lights.ids == names
     np.testing.assert_allclose(lights.directions, vectors, atol=1e-15)
-
-
-@pytest.mark.parametrize(
-    ("text", "match"),
-    [
-        pytest.param("", "empty", id="empty"),
-        pytest.param("0\n", "line 1: the count is 0, but 0 lights follow", id="no lights"),
-        pytest.param("a.jpg 0 0 1\n", r"line 1: 'a\.jpg 0 0 1' is not a count", id="count missing"),
-        pytest.param(
-            "3\na.jpg 0 0 1\n", "line 1: the count is 3, but 1 light follows", id="count too big"
-        ),
-        pytest.param(
-            "1\na 0 0 1\nb 0 0 1\n",
-            "line 1: the count is 1, but 2 lights follow",
-            id="count too small",
-        ),
-        pytest.param("2\na 0 0 1\n\nb 0 0 0\n", "line 4: a zero vector", id="zero"),
-        pytest.param("1\na 0 nan 1\n", "line 2: a number is not finite", id="NaN"),
-        pytest.param("1\na 0 inf 1\n", "line 2: a number is not finite", id="infinity"),
-        pytest.param("1\na 0 up 1\n", "line 2: 'a 0 up 1' is not 'file x y z'", id="text"),
-        pytest.param("1\n0 0 1\n", "line 2: '0 0 1' is not 'file x y z'", id="no name"),
-        pytest.param("2\na 0 0 1\na 0 1 1\n", "line 3: a is listed twice", id="same name"),
-    ],
-)
-def test_lp_refused_by_line(tmp_path: Path, text: str, match: str) -> None:
-    path = put(tmp_path / "a.lp", text)
-    with pytest.raises(DataError, match=match) as caught:
-        read_lights(path)
-    assert str(caught.value).startswith(str(path))
 
 
 def test_lp_written(tmp_path: Path) -> None:
@@ -228,20 +149,20 @@ def test_lp_written(tmp_path: Path) -> None:
     )
 
 
-@pytest.mark.parametrize(
+@cases(
     "text",
-    [
-        pytest.param("0 0 1\n0.6 0 0.8\n", id="rows"),
-        pytest.param("2\n0 0 1\n3 0 4", id="count first"),
-        pytest.param("0.0, 0.0, 1.0\r\n0.6,0.0,0.8\r\n", id="commas between"),
-        pytest.param("0 0 1\n0,6 0 0,8\n", id="decimal commas"),
-        pytest.param("0,0,1\n3,0,4\n", id="whole numbers between commas"),
-        pytest.param("0 ,0 ,1\n3 ,0 ,4\n", id="spaces before commas"),
-        pytest.param("0;0;1\n0,6;0;0,8\n", id="semicolons"),
-        pytest.param("0, 0, 1\n0,6, 0, 0,8\n", id="commas with spaces and decimal commas"),
-        pytest.param("x\ty\tz\n0\t0\t1\n0.6\t0\t0.8\n", id="tabs and a heading"),
-        pytest.param("# light_z, light_x, light_y\n1,0,0\n0.8,0.6,0\n", id="other columns"),
-    ],
+    {
+        "rows": "0 0 1\n0.6 0 0.8\n",
+        "count first": "2\n0 0 1\n3 0 4",
+        "commas between": "0.0, 0.0, 1.0\r\n0.6,0.0,0.8\r\n",
+        "decimal commas": "0 0 1\n0,6 0 0,8\n",
+        "whole numbers between commas": "0,0,1\n3,0,4\n",
+        "spaces before commas": "0 ,0 ,1\n3 ,0 ,4\n",
+        "semicolons": "0;0;1\n0,6;0;0,8\n",
+        "commas with spaces and decimal commas": "0, 0, 1\n0,6, 0, 0,8\n",
+        "tabs and a heading": "x\ty\tz\n0\t0\t1\n0.6\t0\t0.8\n",
+        "other columns": "# light_z, light_x, light_y\n1,0,0\n0.8,0.6,0\n",
+    },
 )
 def test_tables_of_directions(tmp_path: Path, text: str) -> None:
     lights = read_lights(put(tmp_path / "lights.txt", text))
@@ -249,64 +170,31 @@ def test_tables_of_directions(tmp_path: Path, text: str) -> None:
     np.testing.assert_allclose(lights.directions, [[0, 0, 1], [0.6, 0, 0.8]])
 
 
-@pytest.mark.parametrize(
-    ("text", "match"),
-    [
-        pytest.param("\n", "empty", id="blank"),
-        pytest.param("0 0 1\n\n0 0 0\n", "line 3: a zero vector", id="zero"),
-        pytest.param("0 0 1\n0 0\n", "line 2: '0 0' is not three numbers", id="two numbers"),
-        pytest.param("3\n0 0 1\n", "line 1: '3' is not three numbers", id="wrong count"),
-        pytest.param("a b c\n0 0 1\n", "line 1: 'a b c' is not", id="heading"),
-        pytest.param("0,0,1\n1,0,up\n", "line 2: '1,0,up' is not three", id="line as it is"),
-        pytest.param("0 0 1\nnan 0 1\n", "line 2: a number is not finite", id="NaN"),
-    ],
-)
-def test_tables_refused_by_line(tmp_path: Path, text: str, match: str) -> None:
-    path = put(tmp_path / "lights.txt", text)
-    with pytest.raises(DataError, match=match) as caught:
-        read_lights(path)
-    assert str(caught.value).startswith(str(path))
-
-
-@pytest.mark.parametrize(
+@cases(
     ("text", "names", "strengths", "assumed"),
-    [
-        pytest.param(
-            '"a 1.png","0","0","1"\nb.png,0.6,0,0.8', ("a 1.png", "b.png"), 1, "", id="quoted"
-        ),
-        pytest.param("1;a.png;0;0;1\n2;b;0,6;0;0,8", ("a.png", "b"), 1, "", id="rows counted"),
-        pytest.param("3 0 0 1\n1 0.6 0 0.8", ("3", "1"), 1, "", id="numbers of images"),
-        pytest.param("img 1 0 0 1\nimg 2 3 0 4", ("img 1", "img 2"), 1, "", id="name of two words"),
-        pytest.param(
-            "file,x,y,z,intensity\na,0,0,1,30\nb,0.6,0,0.8,7", ("a", "b"), [30, 7], "", id="stated"
-        ),
-        pytest.param(
-            "Bild;Lx;Ly;Lz;\na;0;0;1\nb;0.6;0;0.8\n;;;", ("a", "b"), 1, "", id="own column of names"
-        ),
-        pytest.param(
-            "led;file;x;y;z\n7;a;0;0;1\n8;b;3;0;4", ("a", "b"), 1, "not used: led", id="unused"
-        ),
-        pytest.param(
-            "0 0 1 1.2\n0.6 0 0.8 .8", ("L00", "L01"), [1.2, 0.8], "as intensity", id="no names"
-        ),
-        pytest.param(
+    {
+        "quoted": ('"a 1.png","0","0","1"\nb.png,0.6,0,0.8', ("a 1.png", "b.png"), 1, ""),
+        "rows counted": ("1;a.png;0;0;1\n2;b;0,6;0;0,8", ("a.png", "b"), 1, ""),
+        "numbers of images": ("3 0 0 1\n1 0.6 0 0.8", ("3", "1"), 1, ""),
+        "name of two words": ("img 1 0 0 1\nimg 2 3 0 4", ("img 1", "img 2"), 1, ""),
+        "stated": ("file,x,y,z,intensity\na,0,0,1,30\nb,0.6,0,0.8,7", ("a", "b"), [30, 7], ""),
+        "own column of names": ("Bild;Lx;Ly;Lz;\na;0;0;1\nb;0.6;0;0.8\n;;;", ("a", "b"), 1, ""),
+        "unused": ("led;file;x;y;z\n7;a;0;0;1\n8;b;3;0;4", ("a", "b"), 1, "not used: led"),
+        "no names": ("0 0 1 1.2\n0.6 0 0.8 .8", ("L00", "L01"), [1.2, 0.8], "as intensity"),
+        "after a suffix": (
             "a.png 0 0 1 1.2\nb.png 3 0 4 .8",
             ("a.png", "b.png"),
             [1.2, 0.8],
             "as intensity",
-            id="after a suffix",
         ),
-        pytest.param(
+        "whole numbers of one length": (
             "img_1 0 0 1 1.2\nimg_2 1 0 0 .8",
             ("img_1", "img_2"),
             [1.2, 0.8],
             "as intensity",
-            id="whole numbers of one length",
         ),
-        pytest.param(
-            "a.png 0 0 1 450\nb.png 3 0 4 450", ("a.png", "b.png"), 1, "not used", id="radius"
-        ),
-    ],
+        "radius": ("a.png 0 0 1 450\nb.png 3 0 4 450", ("a.png", "b.png"), 1, "not used"),
+    },
 )
 def test_rows_with_names_or_a_further_number(
     tmp_path: Path, text: str, names: tuple[str, ...], strengths: list[float] | int, assumed: str
@@ -319,42 +207,94 @@ def test_rows_with_names_or_a_further_number(
     assert len(texts) == bool(assumed)
 
 
-@pytest.mark.parametrize(
-    ("text", "match"),
-    [
-        pytest.param("0,6,0,1,0,8\n", "line 1: '0,6,0,1,0,8' is not three", id="two commas"),
-        pytest.param("a,0,6,0,1,0,8\n", "line 1: 'a,0,6,0,1,0,8' is not", id="the same, named"),
-        pytest.param("azimuth,elevation,radius\n10,20,1\n", "line 1: 'azimuth", id="angles"),
-        pytest.param("x,y,z\n1,0\n", "line 2: '1,0' is not a row with 3 columns", id="short"),
-        pytest.param("x,y,z\n", "line 1: 'x,y,z' is not followed by lights", id="only a heading"),
-        pytest.param("a 0 0 1\n0 1 1\n", "line 2: '0 1 1' has no name", id="one name missing"),
-        pytest.param("0,0,1,1\n0,1,1,1\n1,0,1,1\n", "line 1: .* may belong", id="undecided"),
-        pytest.param("a.png 0 0 1 1\nb.png 0 1 1\n", "line 2: .* as the lines", id="one without"),
-        pytest.param("a.png 0 0 1 1 1 1\n", "line 1: 'a.png 0 0 1 1 1 1' is not", id="rgb"),
-        pytest.param("a.png 0 0 1 1\nb.png 3 0 4 412\n", "line 2: .* number 412", id="distance"),
-        pytest.param("a.png 0 0 1 1\nb.png 3 0 4 -1\n", "line 2: .* number -1", id="negative"),
-    ],
-)
-def test_rows_that_cannot_be_known_are_refused_by_line(
-    tmp_path: Path, text: str, match: str
-) -> None:
-    with pytest.raises(DataError, match=match):
-        read_lights(put(tmp_path / "lights.csv", text))
-
-
-@pytest.mark.parametrize(
+@cases(
     ("text", "lengths"),
-    [
-        pytest.param("300 0 0\n0 0 500\n", "300 to 500 long", id="positions"),
-        pytest.param("450 0 0\n0 0 450\n", "450 long", id="dome"),
-        pytest.param("0.57 0.57 0.58\n0.71 0 0.71\n", "", id="rounded"),
-        pytest.param("1 0 1\n0 0 1\n", "", id="whole numbers"),
-    ],
+    {
+        "positions": ("300 0 0\n0 0 500\n", "300 to 500 long"),
+        "dome": ("450 0 0\n0 0 450\n", "450 long"),
+        "rounded": ("0.57 0.57 0.58\n0.71 0 0.71\n", ""),
+        "whole numbers": ("1 0 1\n0 0 1\n", ""),
+    },
 )
 def test_lengths_that_are_not_used_are_noted(tmp_path: Path, text: str, lengths: str) -> None:
     notices = read_lights(put(tmp_path / "lights.txt", text)).warnings
     assert [notice.code for notice in notices] == ["light-lengths-unused"] * bool(lengths)
     assert all(lengths in notice.text for notice in notices)
+
+
+REFUSED = {
+    "lights.json": {
+        "empty": ("", "JSON"),
+        "cut short": ("{", "JSON"),
+        "a list": ("[]", "valid dictionary|object"),
+        "version": (
+            changed().replace('"version": 1', '"version": 3'),
+            "version 3 of sgp-lights is unknown, this program reads 1 and 2",
+        ),
+        "no version": (changed().replace('"version": 1', '"version": true'), "True"),
+        "format": (changed().replace("sgp-lights", "lights"), "format"),
+        "unknown key": (changed(colour="red"), "unknown key 'lights.1.colour'"),
+        "zero": (changed(position_mm=[0, 0, 0]), "light L00 is a zero vector"),
+        "NaN": (changed(position_mm=[0, 0, 1e999]).replace("Infinity", "NaN"), "lights.1"),
+        "text": (changed(position_mm=[0, "x", 1]), "lights.1.position_mm.1"),
+        "two numbers": (changed(position_mm=[0, 1]), "lights.1.position_mm"),
+        "no vector": (changed(position_mm=None), "either direction or"),
+        "both vectors": (changed(direction=[0, 0, 1]), "either direction or"),
+        "mixed": (changed(position_mm=None, direction=[0, 0, 1]), "L00 differs in kind"),
+        "one axis missing": (changed(axis=None), "L00 differs .* give all lights an axis"),
+        "same id": (changed(id="L01"), "L01 is listed twice"),
+        "no light": (changed(intensity=[1, 0, 1]), "L00 has an intensity"),
+        "negative mu": (changed(mu=-1), "lights.1.mu"),
+        "none": ('{"format": "sgp-lights", "version": 1, "lights": []}', "lights"),
+    },
+    "a.lp": {
+        "empty": ("", "empty"),
+        "no lights": ("0\n", "line 1: the count is 0, but 0 lights follow"),
+        "count missing": ("a.jpg 0 0 1\n", r"line 1: 'a\.jpg 0 0 1' is not a count"),
+        "count too big": ("3\na.jpg 0 0 1\n", "line 1: the count is 3, but 1 light follows"),
+        "count too small": ("1\na 0 0 1\nb 0 0 1\n", "line 1: the count is 1, but 2 lights follow"),
+        "zero": ("2\na 0 0 1\n\nb 0 0 0\n", "line 4: a zero vector"),
+        "NaN": ("1\na 0 nan 1\n", "line 2: a number is not finite"),
+        "infinity": ("1\na 0 inf 1\n", "line 2: a number is not finite"),
+        "text": ("1\na 0 up 1\n", "line 2: 'a 0 up 1' is not 'file x y z'"),
+        "no name": ("1\n0 0 1\n", "line 2: '0 0 1' is not 'file x y z'"),
+        "same name": ("2\na 0 0 1\na 0 1 1\n", "line 3: a is listed twice"),
+    },
+    "lights.txt": {
+        "blank": ("\n", "empty"),
+        "zero": ("0 0 1\n\n0 0 0\n", "line 3: a zero vector"),
+        "two numbers": ("0 0 1\n0 0\n", "line 2: '0 0' is not three numbers"),
+        "wrong count": ("3\n0 0 1\n", "line 1: '3' is not three numbers"),
+        "heading": ("a b c\n0 0 1\n", "line 1: 'a b c' is not"),
+        "line as it is": ("0,0,1\n1,0,up\n", "line 2: '1,0,up' is not three"),
+        "NaN": ("0 0 1\nnan 0 1\n", "line 2: a number is not finite"),
+    },
+    "lights.csv": {
+        "two commas": ("0,6,0,1,0,8\n", "line 1: '0,6,0,1,0,8' is not three"),
+        "the same, named": ("a,0,6,0,1,0,8\n", "line 1: 'a,0,6,0,1,0,8' is not"),
+        "angles": ("azimuth,elevation,radius\n10,20,1\n", "line 1: 'azimuth"),
+        "short": ("x,y,z\n1,0\n", "line 2: '1,0' is not a row with 3 columns"),
+        "only a heading": ("x,y,z\n", "line 1: 'x,y,z' is not followed by lights"),
+        "one name missing": ("a 0 0 1\n0 1 1\n", "line 2: '0 1 1' has no name"),
+        "undecided": ("0,0,1,1\n0,1,1,1\n1,0,1,1\n", "line 1: .* may belong"),
+        "one without": ("a.png 0 0 1 1\nb.png 0 1 1\n", "line 2: .* as the lines"),
+        "rgb": ("a.png 0 0 1 1 1 1\n", "line 1: 'a.png 0 0 1 1 1 1' is not"),
+        "distance": ("a.png 0 0 1 1\nb.png 3 0 4 412\n", "line 2: .* number 412"),
+        "negative": ("a.png 0 0 1 1\nb.png 3 0 4 -1\n", "line 2: .* number -1"),
+    },
+}
+
+
+@cases(
+    ("name", "text", "match"),
+    {f"{name} {case}": (name, *row) for name in REFUSED for case, row in REFUSED[name].items()},
+)
+def test_files_are_refused_by_line_or_key(tmp_path: Path, name: str, text: str, match: str) -> None:
+    path = put(tmp_path / name, text)
+    with pytest.raises(DataError, match=match) as caught:
+        read_lights(path)
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
 
 
 def diligent(folder: Path, *, names: int = 2, strengths: str = "1 2 3\n4 5 6\n") -> Path:
@@ -408,11 +348,11 @@ def test_lights_cannot_be_written(tmp_path: Path) -> None:
 
 @needs_data
 def test_real_files_of_lights() -> None:
-    shipped = read_lights(Path(DATA or "") / "uw" / "lights_shipped_unreliable.txt")
+    shipped = read_lights(DATA / "uw" / "lights_shipped_unreliable.txt")
     assert len(shipped) == 12
     first = np.array([0.403259, 0.480808, 0.778592])
     np.testing.assert_allclose(shipped.unit_directions[0], first / np.linalg.norm(first))
-    bear = read_lights(Path(DATA or "") / "diligent" / "bearPNG")
+    bear = read_lights(DATA / "diligent" / "bearPNG")
     assert len(bear) == 96
     assert bear.ids[0] == "001.png"
     np.testing.assert_allclose(np.asarray(bear.intensities)[0], [1.253, 1.6642, 2.2018])

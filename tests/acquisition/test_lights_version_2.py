@@ -23,6 +23,7 @@ from acquisition import (
     write_lights,
 )
 from acquisition.values import Calibrated, UsedSphere, tangent_basis
+from tests.cases import cases
 
 GOLDEN_NEAR = """\
 {
@@ -115,12 +116,12 @@ def assert_same_errors(one: LightErrors | None, other: LightErrors | None) -> No
             np.testing.assert_array_equal(first, second)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("lights", "golden", "provenance"),
-    [
-        pytest.param(near_lights(), GOLDEN_NEAR, {"command": "sgp calibrate spheres"}, id="near"),
-        pytest.param(distant_lights(), GOLDEN_DISTANT, {}, id="distant"),
-    ],
+    {
+        "near": (near_lights(), GOLDEN_NEAR, {"command": "sgp calibrate spheres"}),
+        "distant": (distant_lights(), GOLDEN_DISTANT, {}),
+    },
 )
 def test_golden(tmp_path: Path, lights: Lights, golden: str, provenance: dict[str, Any]) -> None:
     path = tmp_path / "lights.json"
@@ -184,82 +185,60 @@ def changed(golden: str = GOLDEN_NEAR, **changes: object) -> str:
 IDENTITY = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
 
 
-@pytest.mark.parametrize(
+@cases(
     ("text", "match"),
-    [
-        pytest.param(
+    {
+        "calibrated in version 1": (
             changed().replace('"version": 2', '"version": 1'),
             "unknown key 'calibrated': version 1",
-            id="calibrated in version 1",
         ),
-        pytest.param(
+        "covariance in version 1": (
             changed(GOLDEN_DISTANT)
             .replace('"version": 2', '"version": 1')
             .replace('"calibrated"', '"provenance"', 1)
             .replace(', "provenance": {}', ""),
             "unknown key 'lights.0.covariance_rad2': version 1",
-            id="covariance in version 1",
         ),
-        pytest.param(
-            changed().replace('"version": 2', '"version": "2"'), "version '2' of", id="text"
-        ),
-        pytest.param(
-            changed(covariance_mm2=[[1, 0], [0, 1]]), "lights.0.covariance_mm2", id="2 x 2"
-        ),
-        pytest.param(
+        "text": (changed().replace('"version": 2', '"version": "2"'), "version '2' of"),
+        "2 x 2": (changed(covariance_mm2=[[1, 0], [0, 1]]), "lights.0.covariance_mm2"),
+        "not symmetric": (
             changed(covariance_mm2=[[1, 2, 0], [0, 1, 0], [0, 0, 1]]),
             "the covariance of light L00 is not symmetric",
-            id="not symmetric",
         ),
-        pytest.param(
+        "negative eigenvalue": (
             changed(covariance_mm2=[[1, 2, 0], [2, 1, 0], [0, 0, 1]]),
             "the covariance of light L00 has a negative eigenvalue",
-            id="negative eigenvalue",
         ),
-        pytest.param(
+        "negative variance": (
             changed(covariance_mm2=[[-1, 0, 0], [0, 1, 0], [0, 0, 1]]),
             "L00 has a negative eigenvalue",
-            id="negative variance",
         ),
-        pytest.param(
-            changed(covariance_mm2=IDENTITY).replace("[[1,", "[[NaN,"), "finite", id="NaN"
-        ),
-        pytest.param(
-            changed(covariance_mm2=IDENTITY).replace("[[1,", "[[1e999,"), "finite", id="infinite"
-        ),
-        pytest.param(
+        "NaN": (changed(covariance_mm2=IDENTITY).replace("[[1,", "[[NaN,"), "finite"),
+        "infinite": (changed(covariance_mm2=IDENTITY).replace("[[1,", "[[1e999,"), "finite"),
+        "covariance of a direction": (
             changed(covariance_rad2=[[1, 0], [0, 1]]),
             "a light with a position has no covariance_rad2",
-            id="covariance of a direction",
         ),
-        pytest.param(
+        "covariance of a position": (
             changed(GOLDEN_DISTANT, covariance_mm2=IDENTITY),
             "a light with a direction has no covariance_mm2",
-            id="covariance of a position",
         ),
-        pytest.param(
-            changed(GOLDEN_DISTANT, mu_std=0.1), "direction has no mu_std", id="mu of a direction"
-        ),
-        pytest.param(changed(intensity_std=0.1), "lights.0.intensity_std", id="one number"),
-        pytest.param(changed(axis_std_deg=-0.1), "lights.0.axis_std_deg", id="negative axis"),
-        pytest.param(changed(mu_std="small"), "lights.0.mu_std", id="words"),
-        pytest.param(changed(residual_px=-1), "lights.0.residual_px", id="negative residual"),
-        pytest.param(
-            changed().replace('"spheres": 3', '"spheres": 0'), "lights.0.spheres", id="no sphere"
-        ),
-        pytest.param(changed(residuals_px=0), "unknown key 'lights.0.residuals_px'", id="key"),
-        pytest.param(changed(time_utc="2026-11-22T14:41:34"), "calibrated.time_utc", id="no zone"),
-        pytest.param(changed(time_utc="today"), "calibrated.time_utc", id="no time"),
-        pytest.param(changed(camera={"name": "M2"}), "'calibrated.camera.name'", id="camera key"),
-        pytest.param(
+        "mu of a direction": (changed(GOLDEN_DISTANT, mu_std=0.1), "direction has no mu_std"),
+        "one number": (changed(intensity_std=0.1), "lights.0.intensity_std"),
+        "negative axis": (changed(axis_std_deg=-0.1), "lights.0.axis_std_deg"),
+        "words": (changed(mu_std="small"), "lights.0.mu_std"),
+        "negative residual": (changed(residual_px=-1), "lights.0.residual_px"),
+        "no sphere": (changed().replace('"spheres": 3', '"spheres": 0'), "lights.0.spheres"),
+        "key": (changed(residuals_px=0), "unknown key 'lights.0.residuals_px'"),
+        "no zone": (changed(time_utc="2026-11-22T14:41:34"), "calibrated.time_utc"),
+        "no time": (changed(time_utc="today"), "calibrated.time_utc"),
+        "camera key": (changed(camera={"name": "M2"}), "'calibrated.camera.name'"),
+        "intrinsics": (
             changed().replace("[5000.0, 0.0, 1223.5]", "[-5000.0, 0.0, 1223.5]"),
             "focal lengths",
-            id="intrinsics",
         ),
-        pytest.param(
-            changed().replace('"radius_px": 167.0', '"radius_px": 0'), "radius_px", id="radius"
-        ),
-    ],
+        "radius": (changed().replace('"radius_px": 167.0', '"radius_px": 0'), "radius_px"),
+    },
 )
 def test_refused(tmp_path: Path, text: str, match: str) -> None:
     path = tmp_path / "lights.json"
@@ -270,17 +249,17 @@ def test_refused(tmp_path: Path, text: str, match: str) -> None:
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("errors", "match"),
-    [
-        pytest.param({"covariances": np.eye(3)[None]}, "shape", id="number of covariances"),
-        pytest.param({"covariances": np.ones((2, 2, 2))}, "2 x 3 x 3", id="directions"),
-        pytest.param({"covariances": -np.ones((2, 3, 3))}, "light L00 has a neg", id="negative"),
-        pytest.param({"intensity_std": np.ones(3)}, "intensity: .*2 lights", id="intensities"),
-        pytest.param({"mu_std": np.array([0.1, np.inf])}, "mu of light L07", id="infinite"),
-        pytest.param({"residual_px": np.array([-1, 0])}, "residual of light L00", id="residual"),
-        pytest.param({"spheres": np.array([1.5, 2])}, "whole numbers", id="half a sphere"),
-    ],
+    {
+        "number of covariances": ({"covariances": np.eye(3)[None]}, "shape"),
+        "directions": ({"covariances": np.ones((2, 2, 2))}, "2 x 3 x 3"),
+        "negative": ({"covariances": -np.ones((2, 3, 3))}, "light L00 has a neg"),
+        "intensities": ({"intensity_std": np.ones(3)}, "intensity: .*2 lights"),
+        "infinite": ({"mu_std": np.array([0.1, np.inf])}, "mu of light L07"),
+        "residual": ({"residual_px": np.array([-1, 0])}, "residual of light L00"),
+        "half a sphere": ({"spheres": np.array([1.5, 2])}, "whole numbers"),
+    },
 )
 def test_errors_of_other_lights_are_refused(errors: dict[str, Any], match: str) -> None:
     with pytest.raises(DataError, match=match):

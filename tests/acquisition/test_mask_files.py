@@ -11,18 +11,17 @@ import pytest
 from acquisition import DataError, read_mask, write_exr, write_png
 from acquisition.pixels import read_mask_shares
 from rig.arrays import Generic
+from tests.cases import cases
 
 
-@pytest.mark.parametrize(
+@cases(
     ("pixels", "shares"),
-    [
-        pytest.param(np.array([[0, 51, 255]], np.uint8), [[0, 0.2, 1]], id="8 bit"),
-        pytest.param(np.array([[0, 13107, 65535]], np.uint16), [[0, 0.2, 1]], id="16 bit"),
-        pytest.param(
-            np.array([[[9, 51, 0], [0, 0, 255]]], np.uint8), [[0.2, 1]], id="the brightest colour"
-        ),
-        pytest.param(np.array([[-1, 0.2, 7, np.nan]], np.float32), [[0, 0.2, 1, 0]], id="floats"),
-    ],
+    {
+        "8 bit": (np.array([[0, 51, 255]], np.uint8), [[0, 0.2, 1]]),
+        "16 bit": (np.array([[0, 13107, 65535]], np.uint16), [[0, 0.2, 1]]),
+        "the brightest colour": (np.array([[[9, 51, 0], [0, 0, 255]]], np.uint8), [[0.2, 1]]),
+        "floats": (np.array([[-1, 0.2, 7, np.nan]], np.float32), [[0, 0.2, 1, 0]]),
+    },
 )
 def test_shares(tmp_path: Path, pixels: Generic, shares: list[object]) -> None:
     path = tmp_path / ("m.exr" if pixels.dtype == np.float32 else "m.png")
@@ -55,15 +54,15 @@ def write_rgba(path: Path, colours: list[tuple[int, ...]], alpha: list[int]) -> 
     assert cv2.imwrite(str(path), np.array(pixels, np.uint8))
 
 
-@pytest.mark.parametrize(
+@cases(
     ("colours", "alpha", "shares"),
-    [
-        pytest.param([WHITE, BLACK, RED], [255, 255, 255], [1, 0, 1], id="opaque"),
-        pytest.param([WHITE, WHITE, WHITE], [255, 51, 0], [1, 0.2, 0], id="over white"),
-        pytest.param([BLACK, BLACK, BLACK], [255, 51, 0], [1, 0.2, 0], id="over black"),
-        pytest.param([RED, RED, BLACK], [255, 51, 0], [1, 0.2, 0], id="invisible colour"),
-        pytest.param([WHITE, (51, 51, 51), BLACK], [255, 51, 0], [1, 0.2, 0], id="multiplied"),
-    ],
+    {
+        "opaque": ([WHITE, BLACK, RED], [255, 255, 255], [1, 0, 1]),
+        "over white": ([WHITE, WHITE, WHITE], [255, 51, 0], [1, 0.2, 0]),
+        "over black": ([BLACK, BLACK, BLACK], [255, 51, 0], [1, 0.2, 0]),
+        "invisible colour": ([RED, RED, BLACK], [255, 51, 0], [1, 0.2, 0]),
+        "multiplied": ([WHITE, (51, 51, 51), BLACK], [255, 51, 0], [1, 0.2, 0]),
+    },
 )
 def test_transparency(
     tmp_path: Path, colours: list[tuple[int, ...]], alpha: list[int], shares: list[float]
@@ -73,12 +72,12 @@ def test_transparency(
     assert read_mask(tmp_path / "m.png").tolist() == [[share > 0.5 for share in shares]]
 
 
-@pytest.mark.parametrize(
+@cases(
     ("colours", "alpha", "said"),
-    [
-        pytest.param([WHITE, BLACK, BLACK], [255, 255, 0], "two different masks", id="two masks"),
-        pytest.param([WHITE, WHITE, BLACK], [0, 0, 0], "nothing inside", id="all transparent"),
-    ],
+    {
+        "two masks": ([WHITE, BLACK, BLACK], [255, 255, 0], "two different masks"),
+        "all transparent": ([WHITE, WHITE, BLACK], [0, 0, 0], "nothing inside"),
+    },
 )
 def test_transparency_that_gives_no_mask(
     tmp_path: Path, colours: list[tuple[int, ...]], alpha: list[int], said: str

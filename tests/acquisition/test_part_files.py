@@ -16,41 +16,21 @@ from acquisition.files import part_files as _part_files
 from acquisition.files import part_path
 from acquisition.files.part_files import Part
 from acquisition.files.storage import open_binary, published, read_back, read_file, write_whole
+from tests.cases import cases
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs links and pipes")
 
 
-def link(name: Path, victim: Path) -> None:
-    name.symlink_to(victim)
-
-
-def link_to_nothing(name: Path, victim: Path) -> None:
-    name.symlink_to(victim.with_name("nothing"))
-
-
-def hard_link(name: Path, victim: Path) -> None:
-    name.hardlink_to(victim)
-
-
-def pipe(name: Path, victim: Path) -> None:
-    os.mkfifo(name)
-
-
-def rest(name: Path, victim: Path) -> None:
-    name.write_bytes(b"half of a lon")
-
-
-def unreadable_rest(name: Path, victim: Path) -> None:
-    name.write_bytes(b"half")
-    name.chmod(0)
-
-
-def device(name: Path, victim: Path) -> None:
-    name.symlink_to("/dev/full")
-
-
-PLANTED = [link, link_to_nothing, hard_link, pipe, rest, unreadable_rest, device]
-Plant = Callable[[Path, Path], None]
+Plant = Callable[[Path, Path], object]
+PLANTED: dict[str, Plant] = {
+    "link": lambda name, victim: name.symlink_to(victim),
+    "link_to_nothing": lambda name, victim: name.symlink_to(victim.with_name("nothing")),
+    "hard_link": lambda name, victim: name.hardlink_to(victim),
+    "pipe": lambda name, _: os.mkfifo(name),
+    "rest": lambda name, _: name.write_bytes(b"half of a lon"),
+    "unreadable_rest": lambda name, _: (name.write_bytes(b"half"), name.chmod(0)),
+    "device": lambda name, _: name.symlink_to("/dev/full"),
+}
 
 
 @pytest.fixture
@@ -65,7 +45,7 @@ def unharmed(victim: Path) -> bool:
     return [(p.name, p.read_bytes()) for p in victim.parent.iterdir()] == [("victim", b"mine")]
 
 
-@pytest.mark.parametrize("plant", PLANTED)
+@cases("plant", PLANTED)
 @pytest.mark.parametrize("name", ["a", ".part-a"], ids=["final", "temporary"])
 def test_anything_with_the_name_is_replaced_and_never_followed(
     tmp_path: Path, victim: Path, plant: Plant, name: str
@@ -79,7 +59,7 @@ def test_anything_with_the_name_is_replaced_and_never_followed(
     assert unharmed(victim)
 
 
-@pytest.mark.parametrize("plant", PLANTED)
+@cases("plant", PLANTED)
 def test_a_file_created_under_the_name_at_the_last_moment_is_replaced(
     tmp_path: Path, victim: Path, plant: Plant, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -193,15 +173,15 @@ def test_files_are_written_on_a_file_system_without_locks(
     assert (tmp_path / "a").read_bytes() == b"data"
 
 
-@pytest.mark.parametrize("plant", [pipe, device, link])
-def test_only_regular_files_are_opened(tmp_path: Path, victim: Path, plant: Plant) -> None:
-    plant(tmp_path / "a", victim)
+@pytest.mark.parametrize("planted", ["pipe", "device", "link"])
+def test_only_regular_files_are_opened(tmp_path: Path, victim: Path, planted: str) -> None:
+    PLANTED[planted](tmp_path / "a", victim)
     for read in (read_back, lambda path: read_file(path, follow=False)):
         with pytest.raises(OSError, match=r"regular|symbolic|Too many"):
             read(tmp_path / "a")
     with pytest.raises(OSError, match=r"."):
         open_binary(tmp_path / "a", os.O_WRONLY | os.O_APPEND)
-    if plant is link:
+    if planted == "link":
         assert read_file(tmp_path / "a") == b"mine"
     else:
         with pytest.raises(OSError, match="not a regular file"):

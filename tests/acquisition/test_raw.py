@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -27,11 +26,16 @@ from acquisition.pixels import image_facts, read_raw
 from acquisition.values.image_names import is_raw
 from rig.arrays import Int64
 from tests.acquisition.dng_file import SHORT, SRATIONAL, Tag, dng, tag
-
-DATA = os.environ.get("SGP_DATA")
-needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of real data")
+from tests.cases import cases
+from tests.real_data import DATA, needs_data
 
 SENSOR = np.random.default_rng(3).integers(64, 4090, (40, 60)).astype(np.uint16)
+
+
+def write_all(folder: Path, *files: bytes) -> None:
+    folder.mkdir()
+    for number, data in enumerate(files):
+        (folder / f"IMG_{number}.dng").write_bytes(data)
 
 
 def test_margins_orientation_and_levels_of_each_colour(tmp_path: Path) -> None:
@@ -49,14 +53,14 @@ def test_margins_orientation_and_levels_of_each_colour(tmp_path: Path) -> None:
     assert raw.taken == datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("numbers", "cfa"),
-    [
-        pytest.param((0, 1, 1, 2), "RGGB", id="RGGB"),
-        pytest.param((2, 1, 1, 0), "BGGR", id="BGGR"),
-        pytest.param((1, 0, 2, 1), "GRBG", id="GRBG"),
-        pytest.param((1, 2, 0, 1), "GBRG", id="GBRG"),
-    ],
+    {
+        "RGGB": ((0, 1, 1, 2), "RGGB"),
+        "BGGR": ((2, 1, 1, 0), "BGGR"),
+        "GRBG": ((1, 0, 2, 1), "GRBG"),
+        "GBRG": ((1, 2, 0, 1), "GBRG"),
+    },
 )
 def test_every_mosaic_is_named_from_the_top_left(
     tmp_path: Path, numbers: tuple[int, int, int, int], cfa: str
@@ -105,30 +109,26 @@ def test_raw_files_become_a_session_with_all_their_metadata(tmp_path: Path) -> N
     assert (again.cfa, again.black_level, again.white_level) == ("RGGB", 65, 4200)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("change", "said"),
-    [
-        pytest.param({"white": 4000}, "white level 4000", id="white"),
-        pytest.param({"black": (99, 99, 99, 99)}, "black level 99", id="black"),
-        pytest.param({"cfa": (2, 1, 1, 0)}, "colour filter BGGR", id="mosaic"),
-        pytest.param({"active": (0, 0, 38, 58)}, r"pixels \(38, 58\)", id="size"),
-    ],
+    {
+        "white": ({"white": 4000}, "white level 4000"),
+        "black": ({"black": (99, 99, 99, 99)}, "black level 99"),
+        "mosaic": ({"cfa": (2, 1, 1, 0)}, "colour filter BGGR"),
+        "size": ({"active": (0, 0, 38, 58)}, r"pixels \(38, 58\)"),
+    },
 )
 def test_a_raw_file_with_other_camera_settings_is_refused(
     tmp_path: Path, change: dict[str, Any], said: str
 ) -> None:
-    (tmp_path / "in").mkdir()
-    (tmp_path / "in" / "IMG_0.dng").write_bytes(dng(SENSOR))
-    (tmp_path / "in" / "IMG_1.dng").write_bytes(dng(SENSOR, **change))
+    write_all(tmp_path / "in", dng(SENSOR), dng(SENSOR, **change))
     with pytest.raises(DataError, match=rf"IMG_1\.dng: {said}"):
         import_frames(read_import(tmp_path / "in"), tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
 def test_a_black_level_that_varies_slightly_between_frames_is_accepted(tmp_path: Path) -> None:
-    (tmp_path / "in").mkdir()
-    (tmp_path / "in" / "IMG_0.dng").write_bytes(dng(SENSOR))
-    (tmp_path / "in" / "IMG_1.dng").write_bytes(dng(SENSOR, black=(66, 66, 66, 66)))
+    write_all(tmp_path / "in", dng(SENSOR), dng(SENSOR, black=(66, 66, 66, 66)))
     assert import_frames(read_import(tmp_path / "in"), tmp_path / "out").complete
 
 
@@ -168,10 +168,8 @@ def test_a_black_level_that_varies_along_rows_is_levelled(tmp_path: Path) -> Non
 
 
 def test_a_source_has_one_black_level_and_a_session_keeps_the_samples(tmp_path: Path) -> None:
-    (tmp_path / "in").mkdir()
-    for number in range(3):
-        data = np.minimum(SENSOR + number, 4000)
-        (tmp_path / "in" / f"IMG_{number}.dng").write_bytes(dng(data, black=(60, 64, 66, 70)))
+    frames = [np.minimum(SENSOR + number, 4000) for number in range(3)]
+    write_all(tmp_path / "in", *(dng(data, black=(60, 64, 66, 70)) for data in frames))
     levelled = SENSOR.astype(int)
     levelled[::2, ::2] += 5
     levelled[::2, 1::2] += 1
@@ -197,9 +195,7 @@ def test_clipping_is_found_in_files_whose_black_levels_differ_slightly(tmp_path:
 
 
 def test_a_camera_without_a_colour_filter_is_read_watched_and_imported(tmp_path: Path) -> None:
-    (tmp_path / "in").mkdir()
-    for number in range(3):
-        (tmp_path / "in" / f"IMG_{number}.dng").write_bytes(dng(SENSOR + number, other=MONO))
+    write_all(tmp_path / "in", *(dng(SENSOR + number, other=MONO) for number in range(3)))
     raw = read_raw(tmp_path / "in" / "IMG_0.dng")
     assert (raw.cfa, raw.black_levels_dn) == (None, (64,))
     np.testing.assert_array_equal(raw.pixels, SENSOR)
@@ -212,20 +208,18 @@ def test_a_camera_without_a_colour_filter_is_read_watched_and_imported(tmp_path:
         np.testing.assert_array_equal(session.frames[2].read(), SENSOR + 2)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("other", "said"),
-    [
-        pytest.param([tag(339, SHORT, (3,))], "floating-point", id="float"),
-        pytest.param([tag(259, SHORT, (8,))], "Deflate", id="codec"),
-        pytest.param([tag(50711, SHORT, (2,))], "CFALayout", id="staggered"),
-        pytest.param([tag(50713, SHORT, (3, 3))], "BlackLevel has 4 values", id="table"),
-        pytest.param([tag(50713, SHORT, (2,))], "BlackLevel", id="table without columns"),
-        pytest.param([ramp(np.arange(9))], "BlackLevelDeltaV has 9", id="short ramp"),
-        pytest.param([tag(33421, SHORT, (0, 4))], "CFAPattern", id="filter"),
-        pytest.param(
-            [tag(50716, SRATIONAL, (1, 0) * 40)], "black levels .* damaged", id="not a number"
-        ),
-    ],
+    {
+        "float": ([tag(339, SHORT, (3,))], "floating-point"),
+        "codec": ([tag(259, SHORT, (8,))], "Deflate"),
+        "staggered": ([tag(50711, SHORT, (2,))], "CFALayout"),
+        "table": ([tag(50713, SHORT, (3, 3))], "BlackLevel has 4 values"),
+        "table without columns": ([tag(50713, SHORT, (2,))], "BlackLevel"),
+        "short ramp": ([ramp(np.arange(9))], "BlackLevelDeltaV has 9"),
+        "filter": ([tag(33421, SHORT, (0, 4))], "CFAPattern"),
+        "not a number": ([tag(50716, SRATIONAL, (1, 0) * 40)], "black levels .* damaged"),
+    },
 )
 def test_what_cannot_be_read_as_stated_is_refused(
     tmp_path: Path, other: list[Tag], said: str
@@ -236,13 +230,13 @@ def test_what_cannot_be_read_as_stated_is_refused(
         read_raw(path)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("stated", "block"),
-    [
-        pytest.param((3000, 4000, 3500), [[3000, 4000], [4000, 3500]], id="of colours"),
-        pytest.param((3000, 4000, 3900, 3500), [[3000, 4000], [3900, 3500]], id="of positions"),
-        pytest.param((3000, 4000), [[3000, 3000], [3000, 3000]], id="unclear"),
-    ],
+    {
+        "of colours": ((3000, 4000, 3500), [[3000, 4000], [4000, 3500]]),
+        "of positions": ((3000, 4000, 3900, 3500), [[3000, 4000], [3900, 3500]]),
+        "unclear": ((3000, 4000), [[3000, 3000], [3000, 3000]]),
+    },
 )
 def test_white_levels_of_colours_are_used(
     tmp_path: Path, stated: tuple[int, ...], block: list[list[int]]
@@ -258,7 +252,7 @@ def test_white_levels_of_colours_are_used(
 
 @pytest.fixture
 def kodak() -> Path:
-    return Path(DATA or "") / "raw" / "RAW_KODAK_DC50.KDC"
+    return DATA / "raw" / "RAW_KODAK_DC50.KDC"
 
 
 @needs_data

@@ -11,6 +11,7 @@ import pytest
 from acquisition import DataError, Lights, exclude, import_frames, read_source, write_png
 from acquisition.source.image_folder import numbered_series
 from acquisition.values.running_numbers import order_doubt, running_number, steps_between
+from tests.cases import cases
 
 
 def names(form: str, *numbers: int) -> list[str]:
@@ -23,29 +24,24 @@ def fill(folder: Path, files: list[str]) -> Path:
     return folder
 
 
-@pytest.mark.parametrize(
+@cases(
     "files",
-    [
-        pytest.param(names("IMG_%04d", 9998, 9999, 1, 2), id="from 1"),
-        pytest.param(names("IMG_%04d", 9998, 9999, 0, 1), id="from 0"),
-        pytest.param(names("IMG_%04d", 9996, 9999, 3, 5), id="numbers missing at the restart"),
-        pytest.param(names("DSC%05d", 9998, 9999, 1), id="four of five digits"),
-        pytest.param(names("f%06d", 999998, 999999, 0), id="six digits"),
-        pytest.param(names("f%03d", 998, 999, 0), id="three digits"),
-        pytest.param(names("f_%d", 65534, 65535, 0, 1), id="16 bits"),
-        pytest.param(names("IMG_%d", 9998, 9999, 10000), id="no restart"),
-        pytest.param(names("v%03d", 1, 2, 3, 101, 102, 103, 201, 202), id="rings"),
-        pytest.param(names("a%04d", *range(0, 10_000, 500)), id="evenly over the counter"),
-        pytest.param(names("a.%d", 1, 2, 9), id="one digit"),
-        pytest.param(names("L%02d", *range(18), *range(82, 100)), id="half of a dome"),
-        pytest.param(
-            ["a_20240501_235958.png", "a_20240501_235959.png", "a_20240502_000001.png"],
-            id="midnight",
-        ),
-        pytest.param(
-            [f"cam1_20240501_12300{i}_{i + 7}.png" for i in range(5)], id="clock and number"
-        ),
-    ],
+    {
+        "from 1": names("IMG_%04d", 9998, 9999, 1, 2),
+        "from 0": names("IMG_%04d", 9998, 9999, 0, 1),
+        "numbers missing at the restart": names("IMG_%04d", 9996, 9999, 3, 5),
+        "four of five digits": names("DSC%05d", 9998, 9999, 1),
+        "six digits": names("f%06d", 999998, 999999, 0),
+        "three digits": names("f%03d", 998, 999, 0),
+        "16 bits": names("f_%d", 65534, 65535, 0, 1),
+        "no restart": names("IMG_%d", 9998, 9999, 10000),
+        "rings": names("v%03d", 1, 2, 3, 101, 102, 103, 201, 202),
+        "evenly over the counter": names("a%04d", *range(0, 10_000, 500)),
+        "one digit": names("a.%d", 1, 2, 9),
+        "half of a dome": names("L%02d", *range(18), *range(82, 100)),
+        "midnight": ["a_20240501_235958.png", "a_20240501_235959.png", "a_20240502_000001.png"],
+        "clock and number": [f"cam1_20240501_12300{i}_{i + 7}.png" for i in range(5)],
+    },
 )
 def test_the_order_of_images_in_a_folder(tmp_path: Path, files: list[str]) -> None:
     for name in files:
@@ -54,12 +50,12 @@ def test_the_order_of_images_in_a_folder(tmp_path: Path, files: list[str]) -> No
     assert order_doubt(files) == ""
 
 
-@pytest.mark.parametrize(
+@cases(
     ("low", "high"),
-    [
-        pytest.param([401, 402], [9200, 9201], id="far from the restart"),
-        pytest.param([1, 11, 21], [9970, 9980, 9990], id="sparse"),
-    ],
+    {
+        "far from the restart": ([401, 402], [9200, 9201]),
+        "sparse": ([1, 11, 21], [9970, 9980, 9990]),
+    },
 )
 def test_an_order_that_cannot_be_known_is_refused_only_if_it_matters(
     tmp_path: Path, low: list[int], high: list[int]
@@ -115,20 +111,20 @@ def test_steps_between_running_numbers(earlier: str, later: str, steps: int) -> 
 FILES = names("IMG_%04d", 1, 2, 3, 4)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("ids", "expected"),
-    [
-        pytest.param(names("light_%d", 1, 2, 3, 4), [0, 1, 2, 3], id="same numbers"),
-        pytest.param(names("light_%d", 3, 1, 4, 2), [1, 3, 0, 2], id="same, another order"),
-        pytest.param(names("light_%d", 0, 1, 2, 3), [0, 1, 2, 3], id="from 0"),
-        pytest.param(names("light_%04d", 9998, 9999, 1, 2), [0, 1, 2, 3], id="restarted"),
-        pytest.param(names("az%d", 270, 0, 90, 180), [0, 1, 2, 3], id="angles"),
-        pytest.param(names("DSC_%d", 5101, 5102, 5104, 5105), [0, 1, 2, 3], id="of spheres"),
-        pytest.param(["left", "right", "top", "bottom"], [0, 1, 2, 3], id="no numbers"),
-        pytest.param(["L00", "L01", "L02", "L03"], [0, 1, 2, 3], id="no names"),
-        pytest.param(names("light_%d", 1, 2, 3, 5), None, id="a number without image"),
-        pytest.param(names("light_%d", 2, 0, 1, 3), None, id="from 0, another order"),
-    ],
+    {
+        "same numbers": (names("light_%d", 1, 2, 3, 4), [0, 1, 2, 3]),
+        "same, another order": (names("light_%d", 3, 1, 4, 2), [1, 3, 0, 2]),
+        "from 0": (names("light_%d", 0, 1, 2, 3), [0, 1, 2, 3]),
+        "restarted": (names("light_%04d", 9998, 9999, 1, 2), [0, 1, 2, 3]),
+        "angles": (names("az%d", 270, 0, 90, 180), [0, 1, 2, 3]),
+        "of spheres": (names("DSC_%d", 5101, 5102, 5104, 5105), [0, 1, 2, 3]),
+        "no numbers": (["left", "right", "top", "bottom"], [0, 1, 2, 3]),
+        "no names": (["L00", "L01", "L02", "L03"], [0, 1, 2, 3]),
+        "a number without image": (names("light_%d", 1, 2, 3, 5), None),
+        "from 0, another order": (names("light_%d", 2, 0, 1, 3), None),
+    },
 )
 def test_lights_with_other_names(ids: list[str], expected: list[int] | None) -> None:
     lights = Lights(np.eye(4)[:, :3] + [0, 0, 1], ids=tuple(ids))

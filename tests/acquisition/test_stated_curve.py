@@ -11,7 +11,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -22,14 +21,11 @@ from acquisition.pixels import image_facts, write_tiff
 from acquisition.pixels.icc_curve import icc_curve
 from acquisition.source.series_facts import transfer_notices
 from rig import UnreadableError
+from tests.acquisition.image_bytes import by_library, chunk
+from tests.cases import cases
 
 RGB = np.arange(60, dtype=np.uint8).reshape(4, 5, 3)
 ADOBE = 563 / 256
-
-
-def chunk(kind: bytes, data: bytes) -> bytes:
-    crc = zlib.crc32(kind + data)
-    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", crc)
 
 
 def png(*chunks: bytes, bits: int = 8) -> bytes:
@@ -87,26 +83,23 @@ MIXED_TABLE = curv(33, *np.rint(65535 * _MIXED[1:]).astype(int).tolist())
 REAL = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
 
 
-@pytest.mark.parametrize(
+@cases(
     ("data", "curve"),
-    [
-        pytest.param(REAL, SRGB, id="Little CMS"),
-        pytest.param(profile(SRGB_PARA), SRGB, id="sRGB as a function"),
-        pytest.param(profile(SRGB_TABLE), SRGB, id="sRGB as a table"),
-        pytest.param(profile(curv()), LINEAR, id="no numbers: linear"),
-        pytest.param(profile(curv(256)), LINEAR, id="gamma 1"),
-        pytest.param(profile(curv(0, 65535)), LINEAR, id="two points"),
-        pytest.param(profile(curv(563)), TransferCurve.power(ADOBE), id="Adobe RGB"),
-        pytest.param(profile(para(0, 1.8)), TransferCurve.power(1.8), id="gamma 1.8"),
-        pytest.param(
-            profile(curv(461), names=(b"kTRC",)), TransferCurve.power(461 / 256), id="grey"
-        ),
-        pytest.param(
+    {
+        "Little CMS": (REAL, SRGB),
+        "sRGB as a function": (profile(SRGB_PARA), SRGB),
+        "sRGB as a table": (profile(SRGB_TABLE), SRGB),
+        "no numbers: linear": (profile(curv()), LINEAR),
+        "gamma 1": (profile(curv(256)), LINEAR),
+        "two points": (profile(curv(0, 65535)), LINEAR),
+        "Adobe RGB": (profile(curv(563)), TransferCurve.power(ADOBE)),
+        "gamma 1.8": (profile(para(0, 1.8)), TransferCurve.power(1.8)),
+        "grey": (profile(curv(461), names=(b"kTRC",)), TransferCurve.power(461 / 256)),
+        "0 up to a fifth": (
             profile(para(1, 2.0, 1.25, -0.25)),
             TransferCurve.table([[0, 0], [1, 1]]),
-            id="0 up to a fifth",
         ),
-    ],
+    },
 )
 def test_curves_of_profiles(data: bytes, curve: TransferCurve) -> None:
     found = icc_curve(data)
@@ -118,22 +111,22 @@ def test_curves_of_profiles(data: bytes, curve: TransferCurve) -> None:
     assert found.light(0.5) == pytest.approx(float(curve.light(0.5)), abs=1e-4)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("data", "said"),
-    [
-        pytest.param(b"", "is not one", id="empty"),
-        pytest.param(bytes(200), "is not one", id="zeros"),
-        pytest.param(profile(names=()), "has no transfer curves", id="no curves"),
-        pytest.param(profile(curv(512), curv(461), curv(512)), "red, green and blue", id="three"),
-        pytest.param(profile(curv(512))[:170], "is damaged", id="cut short"),
-        pytest.param(profile(b"curv\0\0\0\0\xff\xff\xff\xff"), "is damaged", id="endless table"),
-        pytest.param(profile(b"text\0\0\0\0abcd"), "is damaged", id="another type"),
-        pytest.param(profile(para(9, 2.0)), "is damaged", id="unknown function"),
-        pytest.param(profile(para(1, 2.0, 0.0, 0.0)), "is damaged", id="division by 0"),
-        pytest.param(profile(para(0, -3.0)), "is damaged", id="infinite"),
-        pytest.param(profile(curv(0, 9000, 5000)), "does not increase", id="ends below white"),
-        pytest.param(profile(curv(9000, 65535)), "does not increase", id="begins above black"),
-    ],
+    {
+        "empty": (b"", "is not one"),
+        "zeros": (bytes(200), "is not one"),
+        "no curves": (profile(names=()), "has no transfer curves"),
+        "three": (profile(curv(512), curv(461), curv(512)), "red, green and blue"),
+        "cut short": (profile(curv(512))[:170], "is damaged"),
+        "endless table": (profile(b"curv\0\0\0\0\xff\xff\xff\xff"), "is damaged"),
+        "another type": (profile(b"text\0\0\0\0abcd"), "is damaged"),
+        "unknown function": (profile(para(9, 2.0)), "is damaged"),
+        "division by 0": (profile(para(1, 2.0, 0.0, 0.0)), "is damaged"),
+        "infinite": (profile(para(0, -3.0)), "is damaged"),
+        "ends below white": (profile(curv(0, 9000, 5000)), "does not increase"),
+        "begins above black": (profile(curv(9000, 65535)), "does not increase"),
+    },
 )
 def test_profiles_without_a_curve(data: bytes, said: str) -> None:
     with pytest.raises(UnreadableError, match=said):
@@ -280,12 +273,7 @@ def test_our_own_files_state_no_display_curve(tmp_path: Path) -> None:
 
 def test_floats_with_the_metadata_of_a_camera_are_linear(tmp_path: Path) -> None:
     """A converter copies the Exif data of the photograph into the EXR file."""
-    spec = oiio.ImageSpec(5, 4, 3, oiio.FLOAT)
-    spec.attribute("Exif:ColorSpace", 1)
-    file = oiio.ImageOutput.create("openexr")
-    assert file.open(str(tmp_path / "a.exr"), spec)
-    assert file.write_image(RGB.astype(np.float32))
-    assert file.close()
+    by_library(tmp_path / "a.exr", RGB.astype(np.float32), **{"Exif:ColorSpace": 1})
     assert image_facts(tmp_path / "a.exr").transfer.curve == LINEAR
 
 

@@ -7,24 +7,25 @@ from hypothesis import strategies as st
 
 from acquisition import DataError, Lights
 from acquisition.values import led_id, light_id
+from tests.cases import cases
 
 UP = [[0.0, 0.0, 1.0]]
 
 
-@pytest.mark.parametrize(
+@cases(
     ("fields", "message"),
-    [
-        pytest.param({}, "either directions or positions", id="nothing"),
-        pytest.param({"directions": UP, "positions_mm": UP}, "not both", id="both"),
-        pytest.param({"directions": [[0, 0, 1], [0, 0, 0]]}, "L01 is a zero vector", id="zero"),
-        pytest.param({"directions": [[0, np.nan, 1]]}, "light 0 is not finite", id="nan"),
-        pytest.param({"directions": [[0, 1]]}, "N x 3", id="two columns"),
-        pytest.param({"directions": UP, "intensities": [0.0]}, "L00 has an intensity", id="dark"),
-        pytest.param({"directions": UP, "intensities": [1.0, 1.0]}, "intensities", id="count"),
-        pytest.param({"directions": UP, "mu": [-1.0]}, "mu", id="mu"),
-        pytest.param({"directions": UP, "ids": ("a", "b")}, "2 ids", id="ids"),
-        pytest.param({"directions": UP, "axes": [[0, 0, 0]]}, "axes", id="axis"),
-    ],
+    {
+        "nothing": ({}, "either directions or positions"),
+        "both": ({"directions": UP, "positions_mm": UP}, "not both"),
+        "zero": ({"directions": [[0, 0, 1], [0, 0, 0]]}, "L01 is a zero vector"),
+        "nan": ({"directions": [[0, np.nan, 1]]}, "light 0 is not finite"),
+        "two columns": ({"directions": [[0, 1]]}, "N x 3"),
+        "dark": ({"directions": UP, "intensities": [0.0]}, "L00 has an intensity"),
+        "count": ({"directions": UP, "intensities": [1.0, 1.0]}, "intensities"),
+        "mu": ({"directions": UP, "mu": [-1.0]}, "mu"),
+        "ids": ({"directions": UP, "ids": ("a", "b")}, "2 ids"),
+        "axis": ({"directions": UP, "axes": [[0, 0, 0]]}, "axes"),
+    },
 )
 def test_lights_refuse(fields, message):
     with pytest.raises(DataError, match=message):
@@ -88,45 +89,38 @@ def test_take_keeps_every_field_in_order():
     np.testing.assert_array_equal(two.mu, [2, 0])
 
 
-@pytest.mark.parametrize(
+@cases(
     ("ids", "names", "expected", "by_name"),
-    [
-        pytest.param(("a", "b"), ("b.png", "a.png"), [1, 0], True, id="by name"),
-        pytest.param(("x/A.TIF", "b"), (r"C:\d\a.png", "B"), [0, 1], True, id="paths and case"),
-        pytest.param(("a", "b"), ("p", "q"), [0, 1], False, id="by order"),
-        pytest.param(("a", "b", "c"), ("c",), [2], True, id="fewer frames than lights"),
-        pytest.param(
+    {
+        "by name": (("a", "b"), ("b.png", "a.png"), [1, 0], True),
+        "paths and case": (("x/A.TIF", "b"), (r"C:\d\a.png", "B"), [0, 1], True),
+        "by order": (("a", "b"), ("p", "q"), [0, 1], False),
+        "fewer frames than lights": (("a", "b", "c"), ("c",), [2], True),
+        "lights named like images of LEDs": (
             ("L05_E0.png", "L03_E0.png", "L12_E0.png"),
             ("L03", "L12", "L05"),
             [1, 2, 0],
             True,
-            id="lights named like images of LEDs",
         ),
-        pytest.param(
-            ("L05", "L03"), ("L3_E1_R2.tif", "L05_E0.z.tif"), [1, 0], True, id="images of LEDs"
-        ),
-        pytest.param(
-            ("L01_E0", "L00_E0", "L07_E0"), ("L00",), [1], True, id="fewer LEDs than lights"
-        ),
-        pytest.param(
-            ("L05_E1", "L05_E0"), ("L05_E0", "L05_E1"), [1, 0], True, id="whole names first"
-        ),
-        pytest.param(("L00", "L01"), ("L04_E0", "L00_E0"), [0, 1], False, id="lights not named"),
-        pytest.param(("L03", "L05"), ("IMG_1", "IMG_2"), [0, 1], False, id="images not named"),
-    ],
+        "images of LEDs": (("L05", "L03"), ("L3_E1_R2.tif", "L05_E0.z.tif"), [1, 0], True),
+        "fewer LEDs than lights": (("L01_E0", "L00_E0", "L07_E0"), ("L00",), [1], True),
+        "whole names first": (("L05_E1", "L05_E0"), ("L05_E0", "L05_E1"), [1, 0], True),
+        "lights not named": (("L00", "L01"), ("L04_E0", "L00_E0"), [0, 1], False),
+        "images not named": (("L03", "L05"), ("IMG_1", "IMG_2"), [0, 1], False),
+    },
 )
 def test_match(ids, names, expected, by_name):
     lights = Lights(directions=np.eye(3)[: len(ids)], ids=ids)
     assert lights.match(names) == (expected, by_name)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("names", "message"),
-    [
-        pytest.param(("p",), "1 image for 2 lights", id="counts differ"),
-        pytest.param(("a", "q"), "q does not", id="only some match"),
-        pytest.param(("a", "a"), "share a name", id="two frames of one light"),
-    ],
+    {
+        "counts differ": (("p",), "1 image for 2 lights"),
+        "only some match": (("a", "q"), "q does not"),
+        "two frames of one light": (("a", "a"), "share a name"),
+    },
 )
 def test_match_refuses(names, message):
     lights = Lights(directions=np.eye(3)[:2], ids=("a", "b"))
@@ -134,23 +128,14 @@ def test_match_refuses(names, message):
         lights.match(names)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("ids", "names", "message"),
-    [
-        pytest.param(("L10", "L11"), ("L20", "L21"), "0 of 2 .* L20 does not", id="no LED matches"),
-        pytest.param(
-            ("L05_E0", "L06_E0"), ("L05", "L07"), "1 of 2 .* L07 does not", id="one LED does not"
-        ),
-        pytest.param(
-            ("L05_E0", "L05_E1"),
-            ("L05", "L06"),
-            "0 of 2 .* L05 does not",
-            id="two lights of an LED",
-        ),
-        pytest.param(
-            ("L05", "L06"), ("L05_E0", "L05_E1"), "share a name", id="two images of an LED"
-        ),
-    ],
+    {
+        "no LED matches": (("L10", "L11"), ("L20", "L21"), "0 of 2 .* L20 does not"),
+        "one LED does not": (("L05_E0", "L06_E0"), ("L05", "L07"), "1 of 2 .* L07 does not"),
+        "two lights of an LED": (("L05_E0", "L05_E1"), ("L05", "L06"), "0 of 2 .* L05 does not"),
+        "two images of an LED": (("L05", "L06"), ("L05_E0", "L05_E1"), "share a name"),
+    },
 )
 def test_lights_of_leds_are_never_matched_by_order(ids, names, message):
     lights = Lights(directions=np.eye(3)[: len(ids)], ids=ids)
@@ -158,20 +143,20 @@ def test_lights_of_leds_are_never_matched_by_order(ids, names, message):
         lights.match(names)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("name", "expected"),
-    [
-        pytest.param(r"D:\dome\IMG 007.Tif", "img 007", id="Windows path"),
-        pytest.param("a/b/chrome.0.tga", "chrome.0", id="number before the type"),
-        pytest.param("chrome.0", "chrome.0", id="a number is no file type"),
-        pytest.param("L07", "l07", id="LED"),
-        pytest.param("scan.left.PNG", "scan.left", id="a word after a dot is no file type"),
-        pytest.param("IMG_0.v1", "img_0.v1", id="a version is no file type"),
-        pytest.param("IMG_0.CR2", "img_0", id="camera RAW"),
-        pytest.param("a.tif.png", "a", id="two file types"),
-        pytest.param(".png", ".png", id="nothing but a file type"),
-        pytest.param("C:/", "c:", id="a drive"),
-    ],
+    {
+        "Windows path": (r"D:\dome\IMG 007.Tif", "img 007"),
+        "number before the type": ("a/b/chrome.0.tga", "chrome.0"),
+        "a number is no file type": ("chrome.0", "chrome.0"),
+        "LED": ("L07", "l07"),
+        "a word after a dot is no file type": ("scan.left.PNG", "scan.left"),
+        "a version is no file type": ("IMG_0.v1", "img_0.v1"),
+        "camera RAW": ("IMG_0.CR2", "img_0"),
+        "two file types": ("a.tif.png", "a"),
+        "nothing but a file type": (".png", ".png"),
+        "a drive": ("C:/", "c:"),
+    },
 )
 def test_light_id_is_the_stem(name, expected):
     assert light_id(name) == expected

@@ -8,6 +8,7 @@ import pytest
 from acquisition import DataError, NoiseModel
 from acquisition.files.text_files import to_toml
 from acquisition.session import SensorRecord
+from tests.cases import cases
 
 
 def test_variance_is_a_line_of_slope_one_over_electrons_per_dn():
@@ -19,37 +20,37 @@ def test_variance_is_a_line_of_slope_one_over_electrons_per_dn():
     assert sensor.white_level_dn == 4095
 
 
-@pytest.mark.parametrize(
+@cases(
     "values",
-    [
-        pytest.param((0.0, 1.0, 0.0, 12), id="gain"),
-        pytest.param((1.0, -1.0, 0.0, 12), id="read noise"),
-        pytest.param((1.0, 1.0, 5000.0, 12), id="black above white"),
-        pytest.param((1.0, 1.0, 0.0, 17), id="bits"),
-        pytest.param((float("nan"), 1.0, 0.0, 12), id="nan"),
-        pytest.param((float("inf"), 1.0, 0.0, 12), id="infinite gain"),
-        pytest.param((1.0, float("inf"), 0.0, 12), id="infinite read noise"),
-        pytest.param((1.0, 1.0, float("nan"), 12), id="no black level"),
-    ],
+    {
+        "gain": (0.0, 1.0, 0.0, 12),
+        "read noise": (1.0, -1.0, 0.0, 12),
+        "black above white": (1.0, 1.0, 5000.0, 12),
+        "bits": (1.0, 1.0, 0.0, 17),
+        "nan": (float("nan"), 1.0, 0.0, 12),
+        "infinite gain": (float("inf"), 1.0, 0.0, 12),
+        "infinite read noise": (1.0, float("inf"), 0.0, 12),
+        "no black level": (1.0, 1.0, float("nan"), 12),
+    },
 )
 def test_noise_model_refuses(values):
     with pytest.raises(DataError):
         NoiseModel(*values)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("values", "message"),
-    [
-        pytest.param({"quantum_efficiency": 0.0}, "quantum_efficiency", id="blind"),
-        pytest.param({"quantum_efficiency": 1.1}, "quantum_efficiency", id="more than all"),
-        pytest.param({"full_well_e": 10.0}, "black level below its white level", id="full at once"),
-        pytest.param({"full_well_e": float("nan")}, "full_well_e is nan", id="full well nan"),
-        pytest.param({"dark_current_e_per_s": -1.0}, "dark_current_e_per_s >= 0", id="dark"),
-        pytest.param({"dsnu_e": -1.0}, "dsnu_e >= 0", id="dsnu"),
-        pytest.param({"prnu": 0.3}, "prnu within", id="prnu"),
-        pytest.param({"hot_pixel_fraction": 1.5}, "hot_pixel_fraction within", id="hot pixels"),
-        pytest.param({"hot_pixel_e_per_s": float("inf")}, "hot_pixel_e_per_s is inf", id="heat"),
-    ],
+    {
+        "blind": ({"quantum_efficiency": 0.0}, "quantum_efficiency"),
+        "more than all": ({"quantum_efficiency": 1.1}, "quantum_efficiency"),
+        "full at once": ({"full_well_e": 10.0}, "black level below its white level"),
+        "full well nan": ({"full_well_e": float("nan")}, "full_well_e is nan"),
+        "dark": ({"dark_current_e_per_s": -1.0}, "dark_current_e_per_s >= 0"),
+        "dsnu": ({"dsnu_e": -1.0}, "dsnu_e >= 0"),
+        "prnu": ({"prnu": 0.3}, "prnu within"),
+        "hot pixels": ({"hot_pixel_fraction": 1.5}, "hot_pixel_fraction within"),
+        "heat": ({"hot_pixel_e_per_s": float("inf")}, "hot_pixel_e_per_s is inf"),
+    },
 )
 def test_noise_model_refuses_by_name(values, message):
     with pytest.raises(DataError, match=message) as caught:
@@ -72,14 +73,12 @@ def test_white_level_of_a_full_well(full_well_e, white):
     assert sensor.converter_end_dn == 4095
 
 
-@pytest.mark.parametrize(
+@cases(
     ("sensor", "written"),
-    [
-        pytest.param(NoiseModel(2.5, 7.0, 64.0, 12), 4, id="plain"),
-        pytest.param(
-            NoiseModel(2.5, 7.0, 64.0, 12, 0.6, 9000.0, 5.0, 1.5, 0.01, 1e-4, 800.0), 11, id="all"
-        ),
-    ],
+    {
+        "plain": (NoiseModel(2.5, 7.0, 64.0, 12), 4),
+        "all": (NoiseModel(2.5, 7.0, 64.0, 12, 0.6, 9000.0, 5.0, 1.5, 0.01, 1e-4, 800.0), 11),
+    },
 )
 def test_a_sensor_record_writes_only_non_default_values_and_reads_back(sensor, written):
     record = SensorRecord.of(sensor)

@@ -6,7 +6,7 @@ import os
 import re
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +49,12 @@ def shoot(folder: Path, number: int, time_s: float, name: str | None = None) -> 
     return path
 
 
+def shoot_all(folder: Path, numbers: Iterable[int]) -> None:
+    """Write images at an even pace of 2 s."""
+    for number in numbers:
+        shoot(folder, number, 2.0 * number)
+
+
 def watch(folder: Path, leds: int = 8, **options: Any) -> Watch:
     options = {"timeout_s": 0.6, "settle_s": 0.05, **options}
     return Watch(folder, lights_in_order(leds), **options)
@@ -77,8 +83,7 @@ def recorded(out: Path) -> dict[int, str | None]:
 
 
 def test_images_that_are_there_become_a_complete_session(folder: Path, out: Path) -> None:
-    for number in range(8):
-        shoot(folder, number, 2.0 * number)
+    shoot_all(folder, range(8))
     (folder / ".hidden.png").write_bytes(b"x")
     (folder / "notes.txt").write_text("x")
     lines: list[str] = []
@@ -104,8 +109,7 @@ def test_images_that_are_there_become_a_complete_session(folder: Path, out: Path
 
 
 def test_a_missing_number_leaves_a_shot_empty_and_is_reported(folder: Path, out: Path) -> None:
-    for number in (0, 1, 2, 4, 5, 6, 7):
-        shoot(folder, number, 2.0 * number)
+    shoot_all(folder, (0, 1, 2, 4, 5, 6, 7))
     result = watch_folder(watch(folder), out)
     assert [shot.file for shot in result.missing] == ["L03_E0.tif"]
     assert not result.session.complete
@@ -167,8 +171,7 @@ def test_an_image_after_a_gap_does_not_wait_for_ever(folder: Path, out: Path) ->
 
 
 def test_an_overwritten_image_is_reported_and_shifts_no_other(folder: Path, out: Path) -> None:
-    for number in range(6):
-        shoot(folder, number, 2.0 * number)
+    shoot_all(folder, range(6))
 
     def tell(line: str) -> None:
         lines.append(line)
@@ -187,14 +190,12 @@ def test_an_overwritten_image_is_reported_and_shifts_no_other(folder: Path, out:
 
 
 def test_without_gaps_missing_numbers_are_ignored(folder: Path, out: Path) -> None:
-    for number in (0, 1, 5, 6, 7, 8, 9, 20):
-        shoot(folder, number, 2.0 * number)
+    shoot_all(folder, (0, 1, 5, 6, 7, 8, 9, 20))
     assert watch_folder(watch(folder, gaps=False), out).session.complete
 
 
 def test_more_images_than_lights_are_named(folder: Path, out: Path) -> None:
-    for number in range(7):
-        shoot(folder, number, 2.0 * number)
+    shoot_all(folder, range(7))
     result = watch_folder(watch(folder, leds=6), out)
     assert result.session.complete
     assert any("IMG_0006.png: no shot is left" in line for line in map(str, result.warnings))
@@ -237,8 +238,7 @@ def test_images_are_recorded_as_they_appear_and_only_when_complete(folder: Path,
 def test_by_order_no_later_image_is_recorded_before_an_incomplete_file(
     folder: Path, out: Path
 ) -> None:
-    for number in range(8):
-        shoot(folder, number, 2.0 * number)
+    shoot_all(folder, range(8))
     cut = folder / "IMG_0003.png"
     data, status = cut.read_bytes(), cut.stat()
     cut.write_bytes(data[:-20])
@@ -283,8 +283,7 @@ def test_a_session_for_other_shots_is_not_continued(folder: Path, out: Path) -> 
 
 
 def test_a_watch_killed_before_its_first_frame_is_continued(folder: Path, out: Path) -> None:
-    for number in range(3):
-        shoot(folder, number, 2.0 * number)
+    shoot_all(folder, range(3))
     camera = {"width": SHAPE[1], "height": SHAPE[0], "bit_depth": 16}
     manifest = Manifest.begin(out, camera=camera)
     SessionWriter.create(out, manifest).close()
@@ -329,8 +328,7 @@ def test_images_that_another_watcher_recorded_meanwhile_are_not_recorded_again(
 def test_a_plan_gives_the_shots_and_is_kept(folder: Path, out: Path) -> None:
     plan = CapturePlan(leds=(3, 1), exposures_us=(1000.0, 4000.0), dark=True)
     shots = plan.shots()
-    for number in range(len(shots)):
-        shoot(folder, number, 2.0 * number)
+    shoot_all(folder, range(len(shots)))
     result: WatchResult = watch_folder(
         Watch(folder, shots, plan, timeout_s=0.6, settle_s=0.05), out
     )
@@ -359,8 +357,7 @@ def test_a_watch_without_any_image_is_an_error_and_leaves_no_session(
 def test_an_image_of_another_kind_is_refused_and_the_session_stays_intact(
     folder: Path, out: Path
 ) -> None:
-    for number in range(3):
-        shoot(folder, number, 2.0 * number)
+    shoot_all(folder, range(3))
     write_tiff(folder / "IMG_0003.tif", np.zeros((4, 4), np.uint16))
     with pytest.raises(DataError, match=r"IMG_0003\.tif: 4 x 4 grey uint16, but"):
         watch_folder(watch(folder, gaps=False), out)
@@ -380,8 +377,7 @@ def test_float_images_are_refused(folder: Path, out: Path) -> None:
 def test_a_full_disk_keeps_the_recorded_frames(
     folder: Path, out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for number in range(8):
-        shoot(folder, number, 2.0 * number)
+    shoot_all(folder, range(8))
     real = os.replace
 
     def full(*arguments: Any) -> None:
@@ -402,8 +398,7 @@ def test_a_full_disk_keeps_the_recorded_frames(
 def test_few_images_are_kept_in_memory_while_they_wait(
     folder: Path, out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for number in range(6):
-        shoot(folder, number, 2.0 * number)
+    shoot_all(folder, range(6))
     read: list[str] = []
     real = _watch_files.read_for_import
 

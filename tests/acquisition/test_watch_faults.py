@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,11 @@ def shoot(folder: Path, number: int, name: str = "") -> Path:
     path = folder / (name or f"IMG_{number:04d}.png")
     write_png(path, picture(number))
     return path
+
+
+def shoot_all(folder: Path, numbers: Iterable[int]) -> None:
+    for number in numbers:
+        shoot(folder, number)
 
 
 def watch(folder: Path, out: Path, leds: int, **options: Any) -> WatchResult:
@@ -114,8 +120,7 @@ def test_an_image_that_arrives_in_pieces_keeps_its_light(folder: Path, out: Path
     """The images after it are recorded meanwhile: their numbers give their lights."""
     data = shoot(folder, 1).read_bytes()
     (folder / "IMG_0001.png").write_bytes(data[:60])
-    for number in (0, 2, 3):
-        shoot(folder, number)
+    shoot_all(folder, (0, 2, 3))
     lines: list[str] = []
 
     def finish() -> None:
@@ -147,8 +152,7 @@ def test_an_incomplete_first_image_does_not_give_its_light_to_another(
 
 
 def test_duplicates_and_copies_shift_no_image(folder: Path, out: Path) -> None:
-    for number in range(2):
-        shoot(folder, number)
+    shoot_all(folder, range(2))
     watch(folder, out, 3)
     shutil.copy(folder / "IMG_0001.png", folder / "IMG_0001 (1).png")
     shoot(folder, 9, "img_0001.PNG")
@@ -162,8 +166,7 @@ def test_duplicates_and_copies_shift_no_image(folder: Path, out: Path) -> None:
 
 
 def test_an_image_of_another_series_is_recorded_with_a_warning(folder: Path, out: Path) -> None:
-    for number in range(2):
-        shoot(folder, number)
+    shoot_all(folder, range(2))
     watch(folder, out, 4)
     shoot(folder, 2, "DSC_7001.png")
     shoot(folder, 3, "DSC_7002.png")
@@ -185,8 +188,7 @@ def test_a_repeated_image_is_recorded_with_a_warning(folder: Path, out: Path) ->
 
 
 def test_recorded_images_may_leave_the_folder(folder: Path, out: Path) -> None:
-    for number in range(3):
-        shoot(folder, number)
+    shoot_all(folder, range(3))
     watch(folder, out, 6)
     for path in folder.iterdir():
         path.unlink()
@@ -198,8 +200,7 @@ def test_recorded_images_may_leave_the_folder(folder: Path, out: Path) -> None:
 def test_an_image_that_was_replaced_between_two_watches_is_reported(
     folder: Path, out: Path
 ) -> None:
-    for number in range(2):
-        shoot(folder, number)
+    shoot_all(folder, range(2))
     watch(folder, out, 3)
     later = time.time() + 5
     shoot(folder, 7, "IMG_0000.png")
