@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,7 +12,7 @@ import numpy as np
 from acquisition import CameraModel, Lights
 from calibration._errors import EstimateError
 from calibration.flat.sites import Sites
-from calibration.radiance.stack import BandedStack
+from calibration.radiance.stack import Stack
 from rig.arrays import Bool, Float32, Generic
 
 # The shorter side of the averaged images is at least as long; smaller images are not averaged.
@@ -48,7 +49,7 @@ class SmallCard:
     side: int
 
     @classmethod
-    def read(cls, stack: BandedStack, camera: CameraModel, sites: Sites) -> SmallCard:
+    def read(cls, stack: Stack, camera: CameraModel, sites: Sites) -> SmallCard:
         """Read all bands of a stack and average them."""
         height, width = sites.shape[:2]
         site = 1 if sites.cfa is None else 2
@@ -81,9 +82,10 @@ class SmallCard:
         return np.pad(whole, missing, mode="edge")
 
 
-def band_rows(stack: BandedStack, side: int) -> int:
+def band_rows(stack: Stack, side: int) -> int:
     """Return a number of rows for bands, a multiple of a side."""
-    of_row = 4 * int(np.prod(stack.shape)) // stack.shape[1]
+    shape = stack.values.shape
+    of_row = 4 * math.prod(shape) // int(shape[1])
     return side * max(1, _BAND // (of_row * side))
 
 

@@ -44,6 +44,8 @@ class Developer:
     ----------
     tasks
         The frames of each light and its intensity in each colour.
+    shape
+        N, H, W of the images, and 3 for images in colour.
 
     Raises
     ------
@@ -78,6 +80,7 @@ class Developer:
         self._clear_of_white = clear_of_white(white)
         self._references = References(source, self._linear, sorted(set(known)))
         self._ratios = BracketRatios()
+        self.shape = (len(source.light_ids), *source.size, *((3,) if channel == "rgb" else ()))
         lights = source.lights
         self.tasks: list[Task] = [
             (

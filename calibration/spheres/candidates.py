@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from acquisition import CameraModel
-from calibration.radiance.stack import Images, Stack, check_linear
+from calibration.radiance.stack import Images, Stack
 from calibration.spheres.highlights.spots import reduce_stack, spot_clusters
 from calibration.spheres.outline.mirror_search import LEAST_SHARE, accepted, best_mirror, outline_of
 from calibration.spheres.outline.surroundings import Balls, MirroredPlane
 from calibration.spheres.propose.edge_search import inside, round_edges, spheres_by_edges
-from calibration.spheres.recording import gray_values
+from calibration.spheres.recording import gray_stack
 
 _MOST = 8
 
@@ -76,8 +76,7 @@ def sphere_candidates(
     >>> sphere_candidates(np.full((3, 48, 64), 0.2, np.float32))  # nothing in even images
     []
     """
-    check_linear("stack", stack)
-    values, _ = gray_values(stack)
+    values = gray_stack(stack).values
     reduced = reduce_stack(values)
     plane = MirroredPlane(values, reduced, camera)
     edges = round_edges(values)

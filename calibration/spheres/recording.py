@@ -12,7 +12,7 @@ import numpy as np
 from acquisition import CameraModel, DataError
 from acquisition.values import led_id
 from calibration._errors import EstimateError
-from calibration.radiance.stack import Images, RawStack, Stack, check_linear
+from calibration.radiance.stack import Images, Stack, check_linear
 from calibration.spheres.highlights.highlights import find_highlights
 from calibration.spheres.judge.sphere_shifts import displaced
 from calibration.spheres.outline.outline import shows_blocks
@@ -126,10 +126,10 @@ def seen_in(
     lights
         Order of the lights; default: that of the stack.
     """
-    check_linear("stack", stack)
-    values, names = gray_values(stack)
-    if lights is not None and lights != names:
-        values, names = values[[names.index(name) for name in lights]], lights
+    gray = gray_stack(stack)
+    if lights is not None and lights != gray.ids:
+        gray = gray.take([gray.ids.index(name) for name in lights])
+    values, names = gray.values, gray.ids
     if camera is not None and camera.size != values.shape[1:]:
         raise DataError(
             f"the camera is {camera.width} x {camera.height} pixels, the images are "
@@ -156,7 +156,7 @@ def seen_in(
                 error.args = (f"{error}; {_BLOCKS}{'' if masks else ', or give a mask'}",)
             raise
 
-    images, left_out, lost, elsewhere = _steady_spheres(values, names, spheres_in)
+    images, left_out, lost, elsewhere = _steady_spheres(gray, spheres_in)
     if not found:
         _check_apart(images)
     uneven = [] if masks else uneven_outline_warning(images)
@@ -173,8 +173,7 @@ def seen_in(
 
 
 def _steady_spheres(
-    values: Images,
-    names: Sequence[str],
+    stack: Stack,
     spheres_in: Callable[[Images], tuple[list[SphereImage], list[Notice]]],
 ) -> tuple[list[SphereImage], list[Notice], LostImages, list[Notice]]:
     """Return the spheres of the images that agree about their places.
@@ -183,7 +182,8 @@ def _steady_spheres(
     not count, the images that do not count, and notices about spheres that are elsewhere in some
     images.
     """
-    lost = blank_images(values)
+    values, names = stack.values, stack.ids
+    lost = blank_images(stack)
     lost.check(names)
     rows = _without(range(len(names)), lost.lights)
     some = _taken(values, rows)
@@ -268,23 +268,28 @@ def _check_apart(images: Sequence[SphereImage]) -> None:
             raise DataError(f"two marks are the sphere at ({x:.0f}, {y:.0f}) px: mark it once")
 
 
-def gray_values(
-    stack: Stack | Images,
-) -> tuple[Images, tuple[str, ...]]:
-    """Return grey values ``(N, H, W)`` and the names of the N lights."""
-    if isinstance(stack, RawStack):
-        return stack, stack.ids
-    values = stack.values if isinstance(stack, Stack) else np.asarray(stack, np.float32)
+def named_stack(stack: Stack | Images) -> Stack:
+    """Return a stack, or that of an array of images of the lights ``L00``..."""
+    if isinstance(stack, Stack):
+        return stack
+    values = np.asarray(stack, np.float32)
+    return Stack(values, tuple(map(led_id, range(len(np.atleast_1d(values))))), None)
+
+
+def gray_stack(stack: Stack | Images) -> Stack:
+    """Return a stack of grey values ``(N, H, W)`` with the names of the N lights."""
+    check_linear("stack", stack)
+    stack = named_stack(stack)
+    values, names = stack.values, stack.ids
     if values.ndim == 4:
         values = values.mean(axis=3)  # a NaN channel makes the sample NaN
     if values.ndim != 3 or 0 in values.shape:
         raise DataError(
             f"a stack of sphere images must have the shape (N, H, W[, 3]), not {values.shape}"
         )
-    names = stack.ids if isinstance(stack, Stack) else tuple(map(led_id, range(len(values))))
     if len(names) != len(values):
         raise DataError(
             f"{pluralize(len(names), 'light')} for {pluralize(len(values), 'image')}: give one for "
             "each image"
         )
-    return values, names
+    return Stack(values, names, None, peaks=stack.peaks)

@@ -1,6 +1,7 @@
 """Images in which a sphere is not where the other images show it, and images that show nothing."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -13,6 +14,7 @@ from acquisition import angle_deg, read_source, write_png
 from calibration import EstimateError, calibrate_moved_spheres, calibrate_spheres, raw_stack
 from calibration.spheres import Ellipse, recording
 from calibration.spheres.judge.sphere_shifts import displaced
+from calibration.spheres.recording import named_stack
 from calibration.spheres.solve.lost_images import blank_images
 from tests.calibration.spheres_and_object import CIRCLES, write_recording
 from tests.calibration.uneven_balls import uneven_ball
@@ -214,17 +216,17 @@ def test_blank_images_of_files_are_those_of_their_values(tmp_path):
     write_png(tmp_path / "L02.png", np.zeros((200, 300), np.uint16))
     write_png(tmp_path / "L05.png", np.full((200, 300), 65535, np.uint16))
     stack = raw_stack(read_source(tmp_path))
-    for images in (stack, stack[:], stack[:, :, :]):
+    for images in (stack, replace(stack, peaks=()), named_stack(stack.values[:, :, :])):
         lost = blank_images(images)
         assert (lost.black, lost.white) == ((2,), (5,))
-    assert blank_images(stack[[0, 5, 7]]).white == (1,)
-    assert blank_images(np.full((3, 4, 5), np.nan, np.float32)).lights == []
+    assert blank_images(stack.take([0, 5, 7])).white == (1,)
+    assert blank_images(named_stack(np.full((3, 4, 5), np.nan, np.float32))).lights == []
 
 
 def recording_of(folder, **moves):
     """Return the recording with two balls, in which some images of balls are moved."""
     write_recording(folder)
-    values = np.array(raw_stack(read_source(folder))[:, :, :])
+    values = np.array(raw_stack(read_source(folder)).values[:, :, :])
     for name, (k, change) in moves.items():
         circle = CIRCLES[int(name[-1])]
         values[k] = ball_moved(values[k], circle, *change)
@@ -325,7 +327,7 @@ def test_images_in_each_of_which_another_ball_moved_show_the_outlines(tmp_path, 
 def chrome():
     """Return the images and the outline of a ball that moved in none of them."""
     source = read_source(Path(DATA) / "uw" / "chrome")
-    values = np.array(raw_stack(source)[:, :, :])
+    values = np.array(raw_stack(source).values[:, :, :])
     rows, columns = np.nonzero(source.mask)
     outline = Ellipse((columns.mean(), rows.mean()), (119.0, 119.0))
     assert displaced(values, outline) == {}
