@@ -8,10 +8,11 @@ import numpy as np
 
 from acquisition import CameraModel
 from calibration.radiance.stack import Images, Stack
+from calibration.spheres.geometry.ellipse import Ellipse
 from calibration.spheres.highlights.spots import reduce_stack, spot_clusters
 from calibration.spheres.outline.mirror_search import LEAST_SHARE, accepted, best_mirror, outline_of
 from calibration.spheres.outline.surroundings import Balls, MirroredPlane
-from calibration.spheres.propose.edge_search import inside, round_edges, spheres_by_edges
+from calibration.spheres.propose.edge_search import inside, overlap, round_edges, spheres_by_edges
 from calibration.spheres.recording import gray_stack
 
 _MOST = 8
@@ -96,15 +97,9 @@ def sphere_candidates(
             share = float(plane.compare(circle).share[0])
         else:
             continue
-        circle_px = (*outline.centre_px, outline.radius_px)
-        spheres.append(SphereCandidate(circle_px, len(cluster.spots_px), share))
+        spheres.append(SphereCandidate(outline.circle_px, len(cluster.spots_px), share))
     spheres.sort(key=lambda one: -one.mirrored)
     for edge in edges:
-        circle_px = (*edge.centre_px, edge.radius_px)
-        if not any(_overlap(circle_px, one.circle_px) for one in spheres):
-            spheres.append(SphereCandidate(circle_px, 0, float("nan")))
+        if not any(overlap(edge, Ellipse.circle(*one.circle_px)) for one in spheres):
+            spheres.append(SphereCandidate(edge.circle_px, 0, float("nan")))
     return spheres[:_MOST]
-
-
-def _overlap(a: tuple[float, float, float], b: tuple[float, float, float]) -> bool:
-    return bool(np.hypot(a[0] - b[0], a[1] - b[1]) < max(a[2], b[2]))

@@ -262,8 +262,7 @@ def _copies(values: Images, names: Sequence[str], images: Sequence[SphereImage])
 def _check_apart(images: Sequence[SphereImage]) -> None:
     """Raise `DataError` if two marks are the same sphere, which must not count twice."""
     for one, other in combinations([image.outline for image in images], 2):
-        apart = float(np.hypot(*np.subtract(one.centre_px, other.centre_px)))
-        if apart < min(one.radius_px, other.radius_px):
+        if one.apart_px(other) < min(one.radius_px, other.radius_px):
             x, y = one.centre_px
             raise DataError(f"two marks are the sphere at ({x:.0f}, {y:.0f}) px: mark it once")
 

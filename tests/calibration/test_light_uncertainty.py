@@ -11,6 +11,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from acquisition.values import tangent_basis
 from calibration.spheres import Ellipse, orthographic_directions
+from calibration.spheres.outline.outline import TracedOutline
 from calibration.spheres.outline.outline_noise import circle_covariance, slow_variance, viewing_cone
 from calibration.spheres.solve.average_directions import direction_covariances
 
@@ -188,5 +189,5 @@ def test_the_covariance_of_a_circle_includes_correlated_errors():
     points = circle.point(TURN, 1 + error / 127.0)
     # Without correlation, the variance of a centre is twice that of the points over their number.
     plain = 2 * error.var() / 800
-    sigma_px = np.sqrt(np.diag(circle_covariance(points, circle)) - 0.03**2)
+    sigma_px = np.sqrt(np.diag(circle_covariance(TracedOutline(circle, points, 1.0))) - 0.03**2)
     assert np.all(sigma_px[:2] > 2 * np.sqrt(plain))

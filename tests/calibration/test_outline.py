@@ -176,12 +176,9 @@ def test_refined_outline_of_a_disc(inside, outside):
     rng = np.random.default_rng(5)
     cover = disc(160, 180, 88.37, 79.61, 47.2)
     image = (outside + (inside - outside) * cover + rng.normal(0, 0.004, cover.shape)) + 0.2
-    ellipse, _, coverage = refine_outline(
-        image.astype(np.float32), Ellipse((90.0, 78.0), (45.0, 45.0)), 6.0
-    )
-    assert coverage > 0.95
-    assert ellipse.centre_px == pytest.approx((88.37, 79.61), abs=0.03)
-    assert ellipse.radius_px == pytest.approx(47.2, abs=0.03)
+    found = refine_outline(image.astype(np.float32), Ellipse.circle(90, 78, 45), 6.0)
+    assert found.coverage > 0.95
+    assert found.outline.circle_px == pytest.approx((88.37, 79.61, 47.2), abs=0.03)
 
 
 def test_no_outline_is_an_estimate_error():

@@ -196,7 +196,7 @@ def test_twelve_points_are_required():
 def test_more_than_three_quarters_of_the_outline_determine_an_ellipse(visible, axes):
     angles = np.arange(visible) * 2 * np.pi / 48
     flat = Ellipse((30.0, 30.0), (20.5, 20.0))
-    ellipse, _, _ = _fit(flat, angles, np.zeros(visible), 48, None)
+    ellipse = _fit(flat, angles, np.zeros(visible), 48, None).outline
     assert len(set(ellipse.semi_axes_px)) == axes
 
 
@@ -204,11 +204,11 @@ def test_a_completely_visible_outline_is_an_ellipse():
     rows, columns = np.mgrid[:120, :140]
     distance = np.hypot((columns - 70.2) / 45, (rows - 60.4) / 40)
     image = cv2.GaussianBlur(np.where(distance < 1, 0.3, 1.0), (0, 0), 0.6).astype(np.float32)
-    ellipse, points, coverage = refine_outline(image, at(70, 60, 42), 6.0)
-    assert sorted(ellipse.semi_axes_px) == pytest.approx([40, 45], abs=0.2)
-    assert ellipse.centre_px == pytest.approx((70.2, 60.4), abs=0.1)
-    assert coverage > 0.95
-    assert np.abs(ellipse.distance_px(points)).max() < 1
+    found = refine_outline(image, at(70, 60, 42), 6.0)
+    assert sorted(found.outline.semi_axes_px) == pytest.approx([40, 45], abs=0.2)
+    assert found.outline.centre_px == pytest.approx((70.2, 60.4), abs=0.1)
+    assert found.coverage > 0.95
+    assert np.abs(found.outline.distance_px(found.points_px)).max() < 1
 
 
 @pytest.mark.parametrize(
@@ -252,9 +252,10 @@ def test_the_coverage_is_the_visible_share_of_the_outline(hidden_px, share):
     """An object hides the left part of the disc, up to 1 - cos(share of a circle)."""
     image = target((120, 140), (70, 60), (45.0, 0.3))
     image[:, : 70 - 45 + hidden_px] = 0.6
-    ellipse, points, coverage = refine_outline(image, at(71, 61, 44), 5.0)
+    found = refine_outline(image, at(71, 61, 44), 5.0)
+    ellipse, coverage = found.outline, found.coverage
     assert coverage == pytest.approx(share, abs=0.08)
     assert ellipse.centre_px == pytest.approx((70, 60), abs=0.25)
     assert ellipse.semi_axes_px == pytest.approx((45, 45), abs=0.25)
-    assert len(points) == pytest.approx(coverage * 2 * np.pi * 45, rel=0.02)
+    assert len(found.points_px) == pytest.approx(coverage * 2 * np.pi * 45, rel=0.02)
     assert (ellipse.semi_axes_px[0] == ellipse.semi_axes_px[1]) == (share < 0.75)

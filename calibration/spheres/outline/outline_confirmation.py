@@ -15,7 +15,6 @@ from calibration.spheres.outline.joint_search import (
     JointNear,
     OutlinesNear,
     best_of,
-    change_of,
     edges_agree,
     edges_support,
     joint_near,
@@ -80,7 +79,7 @@ def confirmed(values: Images, mirroring: Sequence[SphereImage]) -> list[SphereIm
         if joint is None:
             by_edges.append(None)
             continue
-        change = change_of(sphere.outline, joint.outline)
+        change = sphere.outline.change_to(joint.outline)
         if not _contradicts(joint, sphere, change):
             several = len(mirroring) > 1
             return list(mirroring) if several else [_either(values, sphere, joint, change)]
@@ -105,7 +104,7 @@ def confirmed_near(
     near: list[SphereImage | None] = []
     for circle, reach, mirror in zip(circles, reaches_px, found, strict=True):
         sphere = next(left) if mirror else None
-        far = sphere and np.abs(change_of(circle, sphere.outline)).max() > _NEAR * reach
+        far = sphere and np.abs(circle.change_to(sphere.outline)).max() > _NEAR * reach
         near.append(None if far else sphere)
     return near
 
@@ -121,7 +120,7 @@ def in_all_images(values: Images, sphere: SphereImage) -> SphereImage | None:
     found = [one for one in found_near(values, sphere.outline) if not is_border(one)]
     if max((one.support for one in found), default=0.0) < _DECIDED:
         size = sphere.outline.radius_px
-        around = Ellipse(sphere.outline.centre_px, (_AROUND * size, _AROUND * size))
+        around = Ellipse.circle(*sphere.outline.centre_px, _AROUND * size)
         least = found[0].factor if found else 1
         larger = joint_near(values, around, _AROUND_REACH * size, _factors(found[:1], least))
         found += [] if larger is None or is_border(larger) else [larger]
@@ -160,8 +159,7 @@ def _contradicts(joint: JointNear, sphere: SphereImage, change: Float64) -> bool
     limit_px = _WELL_KNOWN * sphere.outline.radius_px
     if np.linalg.eigvalsh(covariance)[-1] > limit_px**2:
         return False
-    own = np.zeros((3, 3)) if sphere.covariance_px2 is None else sphere.covariance_px2
-    both = covariance + own + np.eye(3) * (_MODEL_PX**2 + sphere.systematic_px**2)
+    both = covariance + sphere.stated_px2 + np.eye(3) * (_MODEL_PX**2 + sphere.systematic_px**2)
     return bool(change @ np.linalg.solve(both, change) > _DIFFERENT)
 
 
@@ -172,8 +170,7 @@ def _either(values: Images, sphere: SphereImage, joint: JointNear, change: Float
     """
     if sphere.on_plane and edges_support(values, sphere.outline):
         return sphere
-    own = np.zeros((3, 3)) if sphere.covariance_px2 is None else sphere.covariance_px2
-    covariance = own + joint.covariance_px2 + np.eye(3) * joint.model_px**2
+    covariance = sphere.stated_px2 + joint.covariance_px2 + np.eye(3) * joint.model_px**2
     return replace(
         sphere,
         coverage=min(sphere.coverage, joint.support),
