@@ -454,8 +454,8 @@ def _stack(
         source.camera,
         develop.notices,
         develop.noise(used),
-        develop.hot_pixels,
-        develop.pattern,
+        develop.references.hot_pixels,
+        develop.form.pattern,
     )
 
 
