@@ -247,7 +247,7 @@ def _lights(
     warnings = notices + [
         replace(notice, where=notice.where or recordings[k])
         for k, one in enumerate(seen)
-        for notice in one.warnings()
+        for notice in (*one.left_out, *one.doubts)
     ]
     found = [seen[k].found for k in of_recording]
     shown = SeenTogether(names, places_mm, images, of_recording, recordings, found)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Container, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -64,16 +64,12 @@ class SeenSpheres:
         ``(K,)``; None if they are not known.
     found
         Whether the spheres were searched for, not marked.
-    left_out
-        Notices about outlines that do not count.
-    uneven
-        Notices about outlines that count, but are not sharp.
-    copies
-        Notices about images that are equal, or compressed.
     lost
         Images that do not count; the spheres have no highlights under their lights.
-    displaced
-        Notices about single spheres that are elsewhere in some images.
+    left_out
+        Notices about outlines that do not count.
+    doubts
+        Notices about outlines, highlights and images.
     """
 
     names: tuple[str, ...]
@@ -81,27 +77,11 @@ class SeenSpheres:
     images: list[SphereImage]
     radii_mm: Float64 | None
     found: bool
+    lost: LostImages
     left_out: list[Notice]
-    uneven: list[Notice]
-    copies: list[Notice] = field(default_factory=list)
-    lost: LostImages = field(default_factory=LostImages)
-    displaced: list[Notice] = field(default_factory=list)
+    doubts: list[Notice]
 
     __repr__ = short_repr
-
-    def warnings(self) -> list[Notice]:
-        """Return what was left out, and doubts about outlines and highlights."""
-        bright = [image for image in self.images if image.highlights.found.any()]
-        return [
-            *self.left_out,
-            *self.uneven,
-            *missing_highlights_warning(self.images),
-            *(saturation_warning(bright) if bright else ()),
-            *partial_outline_warning(self.images, self.size),
-            *mask_warnings(self.images),
-            *self.copies,
-            *self.displaced,
-        ]
 
 
 def seen_in(
@@ -159,17 +139,22 @@ def seen_in(
     images, left_out, lost, elsewhere = _steady_spheres(gray, spheres_in)
     if not found:
         _check_apart(images)
-    uneven = [] if masks else uneven_outline_warning(images)
     if radii_mm is not None:
         by_size = found or not (all_radii or len(radii_mm) == len(images))
         radii_mm = one_radius_each(radii_mm, images, camera, found=by_size, each=all_radii)
     size = values.shape[1], values.shape[2]
-    copies = _copies(values, names, images)
-    if compressed:
-        copies.append(Notice("images-compressed", _BLOCKS))
-    return SeenSpheres(
-        names, size, images, radii_mm, found, left_out, uneven, copies, lost, elsewhere
-    )
+    bright = [image for image in images if image.highlights.found.any()]
+    doubts = [
+        *([] if masks else uneven_outline_warning(images)),
+        *missing_highlights_warning(images),
+        *(saturation_warning(bright) if bright else ()),
+        *partial_outline_warning(images, size),
+        *mask_warnings(images),
+        *_copies(values, names, images),
+        *([Notice("images-compressed", _BLOCKS)] if compressed else ()),
+        *elsewhere,
+    ]
+    return SeenSpheres(names, size, images, radii_mm, found, lost, left_out, doubts)
 
 
 def _steady_spheres(

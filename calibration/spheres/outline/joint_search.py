@@ -27,7 +27,7 @@ from rig.arrays import Float32, Float64
 _MARGIN_SHARE, _MARGIN_PX = 0.3, 24
 _MOST_IMAGES = 18
 # An outline that edges support this well has no rival. Noise supports up to .25 of large outlines.
-_WITHOUT_DOUBT, _LEAST_SUPPORT = 0.65, 0.3
+WITHOUT_DOUBT, _LEAST_SUPPORT = 0.65, 0.3
 _LEADERS, _QUICK_ANGLES = 6, 360
 _SAME_PX, _NEAR_PX = 0.25, 1.0
 # Edges that are more blurred than the model of the limb are seen in smaller images. The same
@@ -116,7 +116,7 @@ class OutlinesNear:
         """
         best: tuple[_Sized, list[JointOutline]] | None = None
         for factor in factors if self._sizes else ():
-            doubtful = best is None or best[1][0].support <= _WITHOUT_DOUBT
+            doubtful = best is None or best[1][0].support <= WITHOUT_DOUBT
             if factor > 1 and not (doubtful and self._guess.radius_px >= factor * _SMALLEST_PX):
                 break
             if factor not in self._sizes:
@@ -183,7 +183,7 @@ class _Sized:
                 found.append(joint)
 
         refine(self.guess)
-        if found and found[0].support > _WITHOUT_DOUBT:
+        if found and found[0].support > WITHOUT_DOUBT:
             return found
         leaders = EdgesAround(self._lifted, circle, reach_px).leaders()
         for trial in [circle, *leaders[:_LEADERS]]:
@@ -202,7 +202,7 @@ class _Sized:
         """Return the best outline of some in pixels of the large images."""
         joint = found[0]
         covariance = _covariance(found) + part_covariance(self.images, joint.outline)
-        doubted = joint.support <= _WITHOUT_DOUBT
+        doubted = joint.support <= WITHOUT_DOUBT
         bright = bright_support(self.images, joint.outline) if doubted else float("nan")
         return JointNear(
             self.outline(joint),
@@ -254,7 +254,7 @@ def edges_agree(values: Images, outline: Ellipse) -> bool:
     Parameters are those of `joint_near`, which takes several times as long.
     """
     support, change = _at(values, outline)
-    return support > _WITHOUT_DOUBT and bool(np.abs(change).max() < _SAME_PX)
+    return support > WITHOUT_DOUBT and bool(np.abs(change).max() < _SAME_PX)
 
 
 def edges_support(values: Images, outline: Ellipse) -> bool:

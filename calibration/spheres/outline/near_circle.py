@@ -10,6 +10,7 @@ from calibration._errors import EstimateError, or_none
 from calibration.spheres.geometry.ellipse import Ellipse
 from calibration.spheres.outline.facing_edges import EdgesAround
 from calibration.spheres.outline.joint_search import (
+    WITHOUT_DOUBT,
     JointNear,
     best_of,
     joint_near,
@@ -31,8 +32,6 @@ from rig.arrays import Float64
 
 # Outlines with a smaller ratio of the axes are compared with circles.
 _ROUND = 0.99
-# An outline that fewer edges of all images support may be elsewhere, see `JointNear.model_px`.
-_UNDOUBTED = 0.65
 # Edges of print agree with some circle over up to a quarter of its length.
 _LEAST_IN_PICTURE = 0.3
 # Outlines that are farther away than stated reach are compared as well.
@@ -161,7 +160,7 @@ def _decided(near: NearOutline, joint: JointNear | None, *, doubtful: bool = Fal
     if joint is None:
         return near
     covariance = joint.covariance_px2
-    if doubtful or (joint.support < _UNDOUBTED and not near.is_sharp):
+    if doubtful or (joint.support < WITHOUT_DOUBT and not near.is_sharp):
         covariance = covariance + np.eye(3) * joint.model_px**2
     return NearOutline(joint.outline, joint.points_px, joint.coverage, covariance, near.is_sharp)
 

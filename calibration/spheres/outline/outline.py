@@ -32,6 +32,8 @@ _WHITE_STEP = 7
 ALONG_PX = 4.0
 # Outlines of spheres scatter by 0.02 to 0.15 px, those of other round objects by 0.4 px or more.
 SHARP_PX = 0.25
+# Largest error of a mask that is painted by hand, or of a circle that a search found.
+_REACH_PX, _REACH_SHARE = 3.0, 0.03
 # The steepest points of a sharp outline scatter by up to 0.8 px, near a rough guess by 0.9 px.
 # An outline that ends within half a pixel of another one is the same.
 _ROUGH_PX, _NEAR_GUESS_PX, _SAME_PX = 1.0, 2.0, 0.5
@@ -289,6 +291,11 @@ def _fit(
         ellipse, weights = fit_ellipse(points, start or ellipse)
     good = weights > 0
     return TracedOutline(ellipse, points[good], float(np.count_nonzero(good)) / count)
+
+
+def usual_reach_px(radius_px: float, share: float = _REACH_SHARE) -> float:
+    """Return by how much an outline may be wrong: 3 px, or a share of the radius."""
+    return max(_REACH_PX, share * radius_px)
 
 
 def no_outline(guess: Ellipse) -> EstimateError:

@@ -21,11 +21,12 @@ from calibration.spheres.outline.joint_search import (
 )
 from calibration.spheres.outline.mirror_outline import outlined_mirror
 from calibration.spheres.outline.mirror_search import mirror_near
+from calibration.spheres.outline.outline import usual_reach_px
+from calibration.spheres.outline.outline_noise import SAME_OUTLINE, chi_square
 from calibration.spheres.outline.sphere_image import SphereImage
 from calibration.spheres.outline.surroundings import MirroredPlane
 from rig.arrays import Float64
 
-_REACH_PX, _REACH_SHARE = 3.0, 0.03
 # One picture may show an edge as far from the outline that less of all images supports.
 _WIDER_SHARE, _DECIDED = 0.1, 0.5
 # It may show the border of what a larger ball mirrors: sizes of balls around it, in its radii.
@@ -40,8 +41,7 @@ LEAST_SUPPORT = 0.45
 # Noise supports up to a quarter: an outline with less on its bright side is not seen there.
 _NOT_SEEN = 0.25
 # Contact shadows and what is mirrored at the limb move the edges of all images by up to 0.2 px.
-# The 99.9 % quantile of chi-square with 3 degrees of freedom.
-_MODEL_PX, _DIFFERENT = 0.15, 16.3
+_MODEL_PX = 0.15
 # Edges that determine the outline less well, as a share of the radius, contradict nothing.
 _WELL_KNOWN = 0.03
 
@@ -139,10 +139,10 @@ def found_near(values: Images, outline: Ellipse) -> list[JointNear]:
     """Return outlines near another one that the edges of all images support, one or two."""
     radius = outline.radius_px
     near = OutlinesNear(values, outline)
-    joint = near.within(max(_REACH_PX, _REACH_SHARE * radius))
+    joint = near.within(usual_reach_px(radius))
     found = [] if joint is None else [joint]
     if joint is None or joint.support < _DECIDED:
-        wider = near.within(max(_REACH_PX, _WIDER_SHARE * radius), _factors(found))
+        wider = near.within(usual_reach_px(radius, _WIDER_SHARE), _factors(found))
         found += [] if wider is None else [wider]
     return found
 
@@ -160,7 +160,7 @@ def _contradicts(joint: JointNear, sphere: SphereImage, change: Float64) -> bool
     if np.linalg.eigvalsh(covariance)[-1] > limit_px**2:
         return False
     both = covariance + sphere.stated_px2 + np.eye(3) * (_MODEL_PX**2 + sphere.systematic_px**2)
-    return bool(change @ np.linalg.solve(both, change) > _DIFFERENT)
+    return chi_square(change, both) > SAME_OUTLINE
 
 
 def _either(values: Images, sphere: SphereImage, joint: JointNear, change: Float64) -> SphereImage:

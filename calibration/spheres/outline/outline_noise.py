@@ -17,6 +17,9 @@ from rig.arrays import Float64
 # eighth of the radius in pixels keep their power.
 _RADIUS_PER_HARMONIC_PX = 8.0
 _FEWEST, _MOST = 5, 16
+# The 95 % and 99.9 % quantiles of chi-square with 3 degrees of freedom: larger differences are not
+# chance, and show that the errors are larger than stated.
+CHANCE, SAME_OUTLINE = 7.8, 16.3
 _DEPENDENT = 1e-3
 _FINEST_PX = 0.02
 _SMALL_PX = 0.01
@@ -105,6 +108,11 @@ def circle_covariance(traced: TracedOutline) -> Float64:
     design = np.column_stack([np.cos(angles), np.sin(angles), np.ones_like(angles)])
     covariance: Float64 = variance * np.linalg.pinv((design * weights[:, None]).T @ design)
     return covariance + np.eye(3) * OUTLINE_SIGMA_PX**2
+
+
+def chi_square(change: Float64, covariance: Float64) -> float:
+    """Return how far a change of centre x, centre y and radius is from chance."""
+    return float(change @ np.linalg.solve(covariance, change))
 
 
 def scatter_covariance(traced: TracedOutline) -> Float64:

@@ -19,12 +19,12 @@ from calibration.spheres.outline.outline import (
     TracedOutline,
     outline_image,
     refine_sharpest,
+    usual_reach_px,
 )
 from calibration.spheres.outline.sphere_image import SphereImage
 from rig.arrays import Float32, Float64
 
 _CANDIDATES = 120
-_REACH_PX, _REACH_SHARE = 3.0, 0.03
 _FEW = 8
 # The middle of a ball, without its highlights, in multiples of the radius.
 _MIDDLE = 0.7
@@ -111,8 +111,8 @@ def _refined(
     The refinement moves the outline by up to 3 px or 3 % of the radius. If it is not sharp, so that
     it cannot replace its rivals, it may be inexact.
     """
-    reach = max(_REACH_PX, _REACH_SHARE * circle.radius_px)
-    found = or_none(refine_sharpest, pictures, circle, reach, rivals)
+    reach_px = usual_reach_px(circle.radius_px)
+    found = or_none(refine_sharpest, pictures, circle, reach_px, rivals)
     if found is None or found.coverage < LEAST_COVERAGE:
         return None
     return None if abs(found.outline.radius_px / circle.radius_px - 1) > 0.15 else found

@@ -15,9 +15,20 @@ from calibration.spheres.geometry.robust import FINEST_PX, tukey_weights
 from calibration.spheres.highlights.highlights import find_highlights
 from calibration.spheres.highlights.spots import reduce_stack
 from calibration.spheres.outline.near_circle import NearOutline, outline_near
-from calibration.spheres.outline.outline import OutlineImages, TracedOutline, mask_outlines
+from calibration.spheres.outline.outline import (
+    OutlineImages,
+    TracedOutline,
+    mask_outlines,
+    usual_reach_px,
+)
 from calibration.spheres.outline.outline_confirmation import confirmed_near
-from calibration.spheres.outline.outline_noise import circle_covariance, scatter_covariance
+from calibration.spheres.outline.outline_noise import (
+    CHANCE,
+    SAME_OUTLINE,
+    chi_square,
+    circle_covariance,
+    scatter_covariance,
+)
 from calibration.spheres.outline.sphere_image import SphereImage
 from calibration.spheres.outline.surroundings import MirroredPlane
 from calibration.spheres.propose.edge_search import is_painted
@@ -28,9 +39,8 @@ Mask = Bool | Floating
 # Largest ratio of the axes of a sphere's outline; perspective and non-square pixels cause less.
 _LONGEST_RATIO = 1.5
 _ROUGHEST_SHARE, _EXACT_SHARE = 0.05, 0.01
-# Largest errors of masks that are painted by hand, at least 3 px, and how many standard deviations
-# they are. A person who paints a small ball sees smaller errors: the limit in radii.
-_REACH_PX, _REACH_SHARE = 3.0, 0.03
+# How many standard deviations the largest errors of masks that are painted by hand are. A person
+# who paints a small ball sees smaller errors: the limit in radii.
 _REACH_SIGMAS, _PAINTED_SHARE = 3.0, 0.03
 # The images confirm a mask if they reduce its standard deviation by this factor.
 _CONFIRMED = 0.5
@@ -38,9 +48,6 @@ _CONFIRMED = 0.5
 _SMALL_PX = 25.0
 # The pixels of a mask are accurate to half a pixel: a smaller difference does not contradict it.
 _SAME_PX = 0.5
-# The 99.9 % and 95 % quantiles of chi-square with 3 degrees of freedom: larger differences are not
-# chance, and show that the errors are larger than stated.
-_SAME_OUTLINE, _CHANCE = 16.3, 7.8
 
 
 def masked_spheres(
@@ -74,7 +81,7 @@ def masked_spheres(
     pictures = OutlineImages(values)
     plane = MirroredPlane(values, reduce_stack(values), camera)
     circles = [Ellipse.circle(*one.outline.circle_px) for one in given]
-    reaches = [mask_reach_px(circle.radius_px) for circle in circles]
+    reaches = [usual_reach_px(circle.radius_px) for circle in circles]
     near = confirmed_near(values, plane, circles, reaches)
     return [
         sphere_in_mask(values, pictures, mirroring, one)
@@ -140,11 +147,6 @@ def _check_disc(outline: Ellipse, points: Float64) -> None:
         )
 
 
-def mask_reach_px(radius_px: float) -> float:
-    """Return by how much the mask of a sphere may be wrong."""
-    return max(_REACH_PX, _REACH_SHARE * radius_px)
-
-
 def sphere_in_mask(
     values: Images,
     pictures: OutlineImages,
@@ -183,10 +185,10 @@ def sphere_in_mask(
     change = outline.change_to(seen.outline)
     of_seen = seen.covariance_px2
     both = circle_covariance(mask) + (circle_covariance(seen) if of_seen is None else of_seen)
-    chi_square = change @ np.linalg.solve(both, change)
-    if chi_square < _CHANCE:
+    differ = chi_square(change, both)
+    if differ < CHANCE:
         return given
-    if chi_square < _SAME_OUTLINE or np.abs(change).max() < _SAME_PX:
+    if differ < SAME_OUTLINE or np.abs(change).max() < _SAME_PX:
         covariance = scatter_covariance(mask) + np.outer(change, change)
         return replace(given, covariance_px2=covariance)
     return replace(seen, mask_off_px=float(np.abs(change).max()), painted=painted)
@@ -204,7 +206,7 @@ def painted_covariance(mask: TracedOutline) -> Float64:
     residuals = np.hypot(*(mask.points_px - mask.outline.centre_px).T) - radius
     weights = tukey_weights(residuals, FINEST_PX)
     scatter = float(np.sum(weights * residuals**2) / np.sum(weights))
-    own_px = min(mask_reach_px(radius) / _REACH_SIGMAS, _PAINTED_SHARE * radius)
+    own_px = min(usual_reach_px(radius) / _REACH_SIGMAS, _PAINTED_SHARE * radius)
     return np.eye(3) * (own_px**2 + scatter)
 
 
@@ -213,7 +215,7 @@ def _between(values: Images, given: SphereImage, seen: SphereImage, edges: Float
     mask = painted_covariance(given)
     change = given.outline.change_to(seen.outline)
     both = mask + edges
-    if change @ np.linalg.solve(both, change) > _SAME_OUTLINE:
+    if chi_square(change, both) > SAME_OUTLINE:
         return replace(given, covariance_px2=mask + np.outer(change, change), unconfirmed=True)
     back = -edges @ np.linalg.solve(both, change)
     outline = seen.outline.moved(back)
@@ -246,7 +248,7 @@ def _seen_near(
     The other results are whether it mirrors the plane, and whether its outline is without doubt.
     """
     radius = outline.radius_px
-    reach = mask_reach_px(radius)
+    reach = usual_reach_px(radius)
     seen, is_sure = mirroring, True
     if seen is None:
         near = or_none(outline_near, pictures, outline, reach)
