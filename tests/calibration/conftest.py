@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -104,3 +107,18 @@ def dome(count: int = 36, radius: float = 450.0):
 @pytest.fixture(scope="session")
 def dome_mm():
     return dome()
+
+
+@pytest.fixture(scope="module")
+def benchmark(request):
+    """The module of the benchmark that a test module names, which imports others of its folder."""
+    folder = str(Path(__file__).parents[2] / "benchmarks")
+    sys.path.insert(0, folder)
+    try:
+        yield importlib.import_module(request.module.BENCHMARK)
+    finally:
+        sys.path.remove(folder)
+        places = {name: str(getattr(one, "__file__", "")) for name, one in sys.modules.items()}
+        for name in (name for name, place in places.items() if place.startswith(folder)):
+            if "." not in name:
+                del sys.modules[name]

@@ -58,8 +58,7 @@ def test_the_visible_part_gives_the_outline_and_its_coverage(scene, marked):
     assert 0.4 < cut.coverage < 0.75
     assert whole.coverage > 0.9
     # The frame pulls the outline toward it by up to .4 px.
-    assert cut.outline.centre_px == pytest.approx(scene.outlines[0].centre_px, abs=0.45)
-    assert cut.outline.radius_px == pytest.approx(scene.outlines[0].radius_px, abs=0.45)
+    assert cut.outline.circle_px == pytest.approx(scene.outlines[0].circle_px, abs=0.45)
     codes = {notice.code for notice in calibration.warnings}
     assert ("outline-partly-seen" in codes) == (cut.coverage < 0.6)
 

@@ -90,7 +90,7 @@ def test_small_and_large_balls(size):
     ]
     x, y = ((at + 0.5) * size - 0.5 for at in circle[:2])
     radius = circle[2] * size
-    found = displaced(np.array(large, np.float32), Ellipse((x, y), (radius, radius)))
+    found = displaced(np.array(large, np.float32), Ellipse.circle(x, y, radius))
     assert list(found) == [2]
     assert found[2] == pytest.approx(5 * size, abs=0.1 * 5 * size)
 
@@ -135,7 +135,7 @@ def test_small_shifts_need_many_images_and_tiny_balls_show_none():
     tiny = np.array([cv2.resize(moved(v, 0, 0), None, fx=scale, fy=scale) for v in values])
     tiny[1] = np.roll(tiny[1], 4, axis=1)
     x, y = ((at + 0.5) * scale - 0.5 for at in circle[:2])
-    assert displaced(np.nan_to_num(tiny, nan=1.0), Ellipse((x, y), (11.0, 11.0))) == {}
+    assert displaced(np.nan_to_num(tiny, nan=1.0), Ellipse.circle(x, y, 11.0)) == {}
 
 
 @pytest.mark.parametrize("centre", [(-5.0, 60.0), (100.0, 900.0)])

@@ -1,9 +1,5 @@
 """Given values that contradict the images are named, with both explanations of a wrong ratio."""
 
-import importlib.util
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -19,7 +15,7 @@ from calibration.spheres.judge.input_tests import (
     known_places,
 )
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+BENCHMARK = "wrong_inputs"
 RADII = np.full(4, 20.0)
 
 
@@ -36,21 +32,6 @@ def dome():
 
 
 DOME = dome()
-
-
-@pytest.fixture(scope="module")
-def benchmark():
-    sys.path.insert(0, str(BENCHMARKS))
-    try:
-        spec = importlib.util.spec_from_file_location(
-            "wrong_inputs", BENCHMARKS / "wrong_inputs.py"
-        )
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-        yield module
-    finally:
-        sys.path.remove(str(BENCHMARKS))
-        sys.modules.pop("light_uncertainty", None)
 
 
 @pytest.mark.parametrize(

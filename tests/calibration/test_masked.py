@@ -49,12 +49,7 @@ def changed(mask, change):
 
 
 def off_px(image, outline):
-    return np.array(
-        [
-            *np.subtract(image.outline.centre_px, outline.centre_px),
-            image.outline.radius_px - outline.radius_px,
-        ]
-    )
+    return outline.change_to(image.outline)
 
 
 @pytest.mark.parametrize(

@@ -44,12 +44,7 @@ def test_spheres_on_a_board_are_found_with_errors_as_stated():
     true = sorted((outline_of(camera, one) for one in scene.spheres), key=lambda o: o.centre_px)
     chi_squares = []
     for sphere, outline in zip(found, true, strict=True):
-        change = np.array(
-            [
-                *np.subtract(sphere.outline.centre_px, outline.centre_px),
-                sphere.outline.radius_px - outline.radius_px,
-            ]
-        )
+        change = outline.change_to(sphere.outline)
         assert np.abs(change).max() < 0.15
         chi_squares.append(change @ np.linalg.solve(outline_covariance(sphere), change))
     # The 99.9 % quantile of chi-square with 3 degrees of freedom.

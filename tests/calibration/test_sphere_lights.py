@@ -46,7 +46,7 @@ def seen(sphere, lights, noise_px=0.0, seed=0):
     pixels = np.array([BENCH.highlight(*sphere, light) for light in lights])
     pixels += np.random.default_rng(seed).normal(0, noise_px, pixels.shape)
     highlights = Highlights(pixels, np.zeros(len(lights), bool), np.full(len(lights), 0.05))
-    return SphereImage(Ellipse((x, y), (radius, radius)), outline_px, 1.0, highlights)
+    return SphereImage(Ellipse.circle(x, y, radius), outline_px, 1.0, highlights)
 
 
 def moved(image, count, shift_px):
@@ -117,7 +117,7 @@ def test_an_orthographic_view_without_a_camera(monkeypatch):
     """A highlight half-way to the rim shows a light at 60 degrees."""
     x = y = np.zeros(3)
     pixels = np.array([[100.0, 100], [120, 100], [100, 80]])
-    outline = Ellipse((100.0, 100.0), (40.0, 40.0))
+    outline = Ellipse.circle(100.0, 100.0, 40.0)
     image = SphereImage(
         outline,
         outline.point(np.arange(6.0)),

@@ -26,7 +26,7 @@ LIGHTS = dome(14)
 
 
 def image_of(x=10.0, y=20.0, radius=30.0, *, found=5, saturated=0, scatter=0.0):
-    outline = Ellipse((x, y), (radius, radius))
+    outline = Ellipse.circle(x, y, radius)
     angles = np.linspace(0, 6, 50)
     offsets = scatter * np.where(np.arange(50) % 2, 1, -1)
     pixels = np.full((5, 2), np.nan)

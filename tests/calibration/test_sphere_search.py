@@ -28,7 +28,7 @@ from tests.calibration.test_sphere_parts import SMALL, image_of
 
 @pytest.mark.parametrize(("apart", "over"), [(29.9, True), (30.1, False)])
 def test_circles_overlap_if_one_contains_the_centre_of_the_other(apart, over):
-    large = Ellipse((100.0, 50.0), (30.0, 30.0))
+    large = Ellipse.circle(100.0, 50.0, 30.0)
     for dx, dy in ((apart, 0), (0, apart), (-0.6 * apart, 0.8 * apart)):
         small = Ellipse((100.0 + dx, 50.0 + dy), (5.0, 5.0))
         assert overlap(large, small) == overlap(small, large) == over

@@ -118,7 +118,7 @@ def test_a_streaked_highlight_is_found_and_a_fainter_second_one_ignored():
     light += 0.3 * np.exp(-(R**2) / (2 * 12.0**2))
     light[60:62, 20:22] = 2.0
     image = np.where(light >= 1, np.nan, light).astype(np.float32)
-    found = find_highlights(image[None], Ellipse((40.0, 37.0), (36.0, 36.0)))
+    found = find_highlights(image[None], Ellipse.circle(40.0, 37.0, 36.0))
     assert found.saturated.all()
     assert np.abs(found.pixels[0] - CENTRE).max() < 0.15
     assert found.sigma_px[0] < 0.3
@@ -127,4 +127,4 @@ def test_a_streaked_highlight_is_found_and_a_fainter_second_one_ignored():
 def test_the_core_decides_which_saturated_highlight_is_wide():
     """A saturated matte surface is no highlight."""
     image = np.where(core(13, 2.0) >= 1, np.nan, core(13, 2.0)).astype(np.float32)
-    assert not find_highlights(image[None], Ellipse((40.0, 37.0), (36.0, 36.0))).found.any()
+    assert not find_highlights(image[None], Ellipse.circle(40.0, 37.0, 36.0)).found.any()
