@@ -12,6 +12,7 @@ import pytest
 from scipy.optimize import brentq
 
 from acquisition import CameraModel
+from calibration.spheres import fit_ellipse
 
 
 @dataclass(frozen=True)
@@ -88,6 +89,25 @@ class Bench:
 @pytest.fixture(scope="session")
 def bench() -> Bench:
     return Bench()
+
+
+def codes(result):
+    """Return the codes of the notices of a calibration."""
+    return [notice.code for notice in result.warnings]
+
+
+def outline_in(camera, sphere):
+    """Return the ellipse at which the rays of a camera touch a sphere, in the image or not."""
+    axis = np.array(sphere.centre_mm) - camera.centre_mm
+    distance = np.linalg.norm(axis)
+    axis /= distance
+    first = np.cross(axis, [0.0, 1.0, 0.0])
+    first /= np.linalg.norm(first)
+    angle = np.arange(0, 2 * np.pi, 0.05)
+    around = np.outer(np.cos(angle), first) + np.outer(np.sin(angle), np.cross(axis, first))
+    sine = sphere.radius_mm / distance
+    touch = distance * (1 - sine**2) * axis + sphere.radius_mm * np.sqrt(1 - sine**2) * around
+    return fit_ellipse(camera.project(camera.centre_mm + touch))[0]
 
 
 def dome(count: int = 36, radius: float = 450.0):

@@ -16,6 +16,7 @@ from calibration.spheres import Ellipse, recording
 from calibration.spheres.judge.sphere_shifts import displaced
 from calibration.spheres.recording import named_stack
 from calibration.spheres.solve.lost_images import blank_images
+from tests.calibration.conftest import codes
 from tests.calibration.spheres_and_object import CIRCLES, write_recording
 from tests.calibration.uneven_balls import uneven_ball
 from tests.quick_sample import quick
@@ -142,10 +143,6 @@ def test_small_shifts_need_many_images_and_tiny_balls_show_none():
 def test_an_outline_beyond_the_frame_shows_nothing(centre):
     values, _, _ = uneven_ball(9208)
     assert displaced(values, Ellipse(centre, (50.0, 50.0))) == {}
-
-
-def codes(result):
-    return [notice.code for notice in result.warnings]
 
 
 CIRCLED = 9210

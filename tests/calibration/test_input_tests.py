@@ -14,24 +14,13 @@ from calibration.spheres.judge.input_tests import (
     factor_of,
     known_places,
 )
+from tests.calibration.conftest import dome
 
 BENCHMARK = "wrong_inputs"
 RADII = np.full(4, 20.0)
 
 
-def dome():
-    """Return the lights of the benchmark: rings at elevations of 15, 35, 55 and 75 degrees."""
-    rings = [
-        [(e, turn) for turn in np.arange(n) * 2 * np.pi / n + 0.3]
-        for e, n in zip(np.radians([15, 35, 55, 75]), (13, 12, 7, 4), strict=True)
-    ]
-    places = [
-        (np.cos(e) * np.cos(t), np.cos(e) * np.sin(t), np.sin(e)) for ring in rings for e, t in ring
-    ]
-    return 450.0 * np.array(places)
-
-
-DOME = dome()
+DOME = np.array(dome())
 
 
 @pytest.mark.parametrize(
