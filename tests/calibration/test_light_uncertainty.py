@@ -7,8 +7,7 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 from acquisition.values import tangent_basis
-from calibration.spheres import Ellipse, orthographic_directions
-from calibration.spheres.outline.outline import TracedOutline
+from calibration.spheres import Ellipse, TracedOutline, orthographic_directions
 from calibration.spheres.outline.outline_noise import circle_covariance, slow_variance, viewing_cone
 from calibration.spheres.solve.average_directions import direction_covariances
 

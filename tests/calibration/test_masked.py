@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from calibration import calibrate_spheres
-from calibration.spheres import fit_ellipse, mask_outlines
-from calibration.spheres.outline.outline import TracedOutline
+from calibration.spheres import TracedOutline, fit_ellipse, mask_outlines
 from calibration.spheres.outline.outline_noise import outline_covariance
 from calibration.spheres.propose.sphere_marks import masked_spheres, painted_covariance
 from simulator import render, scene_named

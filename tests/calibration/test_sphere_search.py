@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 
 from calibration import EstimateError
-from calibration.spheres import Ellipse, Highlights
+from calibration.spheres import Ellipse, Highlights, TracedOutline
 from calibration.spheres.highlights.spots import reduce_stack, spot_clusters
-from calibration.spheres.outline.outline import TracedOutline
 from calibration.spheres.propose import edge_search
 from calibration.spheres.propose import sphere_selection as search
 from calibration.spheres.propose.edge_search import (
