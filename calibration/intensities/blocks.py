@@ -65,16 +65,12 @@ def blocks_of(surfaces: Sequence[MatteSurface], lights: Lights) -> Blocks:
     """
     parts = [_blocks_of(surface, lights, i, len(surfaces)) for i, surface in enumerate(surfaces)]
     values = np.concatenate([part.values for part in parts], axis=2)
-    joined = Blocks(
-        values,
-        np.concatenate([part.points_mm for part in parts]),
-        np.concatenate([part.normals for part in parts]),
-        np.concatenate([part.radius for part in parts]),
-        np.concatenate([part.part for part in parts]),
-        sum(part.pixels for part in parts),
-        np.concatenate([part.upward for part in parts]),
-        all(part.cards for part in parts),
-    )
+    of_blocks = {
+        name: np.concatenate([getattr(part, name) for part in parts])
+        for name in ("points_mm", "normals", "radius", "part", "upward")
+    }
+    pixels, cards = sum(part.pixels for part in parts), all(part.cards for part in parts)
+    joined = Blocks(values=values, pixels=pixels, cards=cards, **of_blocks)
     per_light = np.isfinite(values).all(axis=0).sum(axis=1)
     if per_light.min() < _FEWEST:
         worst = lights.ids[int(per_light.argmin())]

@@ -42,10 +42,9 @@ class SphereCandidate:
         """Return why the search does not take it for a sphere, for people."""
         if not self.lights:
             return "a round edge without a highlight that moves with the light"
+        share = 100 * max(self.mirrored, 0.0)
         if not self.mirrored >= LEAST_SHARE:
-            share = 100 * max(self.mirrored, 0.0)
             return f"highlights, but it mirrors only {share:.0f} % of what surrounds it"
-        share = 100 * self.mirrored
         return (
             f"it mirrors {share:.0f} % of what surrounds it, but it does not have the given "
             "radius, or a ball of another radius mirrors nearly as much"
