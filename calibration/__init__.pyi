@@ -16,8 +16,6 @@ from .comparison.compare import compare_lights as compare_lights
 from .flat.calibrate import calibrate_flat as calibrate_flat
 from .intensities.calibrate import calibrate_intensities as calibrate_intensities
 from .intensities.surface import MatteSurface as MatteSurface
-from .radiance.stack import BandedStack as BandedStack
-from .radiance.stack import RawStack as RawStack
 from .radiance.stack import Stack as Stack
 from .radiance.stack import linear_stack as linear_stack
 from .radiance.stack import open_stack as open_stack

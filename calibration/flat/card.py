@@ -14,7 +14,7 @@ from calibration.intensities.calibrate import FittedSurfaces, fit_surfaces
 from calibration.intensities.fit import shift_by_lights
 from calibration.intensities.surface import MatteSurface
 from calibration.radiance.image_form import Channel
-from calibration.radiance.stack import BandedStack, open_stack
+from calibration.radiance.stack import Stack, open_stack
 from rig import Notice, Progress
 from rig.arrays import Bool, Float32, Float64
 
@@ -115,7 +115,7 @@ def measure_card(
 
 
 def _divided(
-    stack: BandedStack, sites: Sites, lights: Lights, camera: CameraModel, z_mm: float
+    stack: Stack, sites: Sites, lights: Lights, camera: CameraModel, z_mm: float
 ) -> tuple[Float32, Float32]:
     """Return the card over the light of its LEDs, and the relative variance of that.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,8 +12,9 @@ import numpy as np
 from acquisition import CameraModel, Lights
 from calibration._errors import EstimateError
 from calibration.flat.sites import Sites
-from calibration.radiance.stack import BandedStack
-from rig.arrays import Bool, Float32, Generic
+from calibration.intensities.blocks import means_of_blocks
+from calibration.radiance.stack import Stack
+from rig.arrays import Bool, Float32
 
 # The shorter side of the averaged images is at least as long; smaller images are not averaged.
 _SHORTER = 256
@@ -48,7 +50,7 @@ class SmallCard:
     side: int
 
     @classmethod
-    def read(cls, stack: BandedStack, camera: CameraModel, sites: Sites) -> SmallCard:
+    def read(cls, stack: Stack, camera: CameraModel, sites: Sites) -> SmallCard:
         """Read all bands of a stack and average them."""
         height, width = sites.shape[:2]
         site = 1 if sites.cfa is None else 2
@@ -64,15 +66,15 @@ class SmallCard:
             for k, image in enumerate(band.values):
                 cut = image[: count * side, : columns * side]
                 missing = ~np.isfinite(cut if cut.ndim == 2 else cut.sum(axis=2))
-                lost[k, part] = _means(missing, side)
-                values[k, part] = _means(_colours(cut, sites), side // site)
+                lost[k, part] = means_of_blocks(missing, side)
+                values[k, part] = means_of_blocks(_colours(cut, sites), side // site)
         return cls(values, lost, camera.downscaled(side), side)
 
     def reduced(self, mask: Bool) -> Bool:
         """Return the blocks of which all pixels of a mask ``(H, W)`` are True."""
         _, rows, columns = self.lost.shape
         cut = mask[: rows * self.side, : columns * self.side]
-        return np.asarray(_means(cut, self.side) == 1, np.bool_)
+        return np.asarray(means_of_blocks(cut, self.side) == 1, np.bool_)
 
     def enlarged(self, blocks: Bool, shape: tuple[int, ...]) -> Bool:
         """Return the pixels ``(H, W)`` of blocks; those that fill no block are like the nearest."""
@@ -81,9 +83,10 @@ class SmallCard:
         return np.pad(whole, missing, mode="edge")
 
 
-def band_rows(stack: BandedStack, side: int) -> int:
+def band_rows(stack: Stack, side: int) -> int:
     """Return a number of rows for bands, a multiple of a side."""
-    of_row = 4 * int(np.prod(stack.shape)) // stack.shape[1]
+    shape = stack.values.shape
+    of_row = 4 * math.prod(shape) // int(shape[1])
     return side * max(1, _BAND // (of_row * side))
 
 
@@ -96,12 +99,6 @@ def _colours(image: Float32, sites: Sites) -> Float32:
         share = np.float32(1 / sites.cfa.count(name))
         colours[..., "RGB".index(name)] += image[i // 2 :: 2, i % 2 :: 2] * share
     return colours
-
-
-def _means(image: Generic, side: int) -> Float32:
-    rows, columns = image.shape[0] // side, image.shape[1] // side
-    blocks = image.reshape(rows, side, columns, side, *image.shape[2:])
-    return np.asarray(blocks.mean(axis=(1, 3), dtype=np.float64), np.float32)
 
 
 def card_area(card: SmallCard, ids: Sequence[str], lights: Lights, z_mm: float, place: str) -> Bool:
@@ -120,8 +117,6 @@ def card_area(card: SmallCard, ids: Sequence[str], lights: Lights, z_mm: float, 
     height, width = points_mm.shape[:2]
     side = max(1, max(height, width) // _BINS)
     rows, columns = height // side, width // side
-    cut = slice(0, rows * side), slice(0, columns * side)
-    shape = (rows, side, columns, side)
     where = points_mm[side // 2 :: side, side // 2 :: side][:rows, :columns]
     light = (
         lights.vectors_at(where)[..., 2]
@@ -131,8 +126,7 @@ def card_area(card: SmallCard, ids: Sequence[str], lights: Lights, z_mm: float, 
     for image in card.values:
         gray = image if image.ndim == 2 else image.mean(axis=2)
         # A saturated sample is at least white.
-        filled = np.nan_to_num(gray[cut], nan=1.0)
-        total += filled.reshape(shape).mean(axis=(1, 3), dtype=np.float64)
+        total += means_of_blocks(np.nan_to_num(gray, nan=1.0), side)
     response = total / np.maximum(light.sum(axis=0), 1e-12)
     shows = (response > _DARK * np.percentile(response, 95)).astype(np.uint8)
     count, labels, figures, _ = cv2.connectedComponentsWithStats(shows, connectivity=4)

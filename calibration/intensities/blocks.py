@@ -11,7 +11,7 @@ from acquisition import Lights
 from calibration._errors import EstimateError
 from calibration.intensities.surface import MatteSurface
 from rig import pluralize
-from rig.arrays import Bool, Float32, Float64, Floating, Intp
+from rig.arrays import Bool, Float32, Float64, Generic, Intp
 
 # Few enough for speed; small surfaces are not averaged.
 _BLOCKS = 3000
@@ -65,16 +65,12 @@ def blocks_of(surfaces: Sequence[MatteSurface], lights: Lights) -> Blocks:
     """
     parts = [_blocks_of(surface, lights, i, len(surfaces)) for i, surface in enumerate(surfaces)]
     values = np.concatenate([part.values for part in parts], axis=2)
-    joined = Blocks(
-        values,
-        np.concatenate([part.points_mm for part in parts]),
-        np.concatenate([part.normals for part in parts]),
-        np.concatenate([part.radius for part in parts]),
-        np.concatenate([part.part for part in parts]),
-        sum(part.pixels for part in parts),
-        np.concatenate([part.upward for part in parts]),
-        all(part.cards for part in parts),
-    )
+    of_blocks = {
+        name: np.concatenate([getattr(part, name) for part in parts])
+        for name in ("points_mm", "normals", "radius", "part", "upward")
+    }
+    pixels, cards = sum(part.pixels for part in parts), all(part.cards for part in parts)
+    joined = Blocks(values=values, pixels=pixels, cards=cards, **of_blocks)
     per_light = np.isfinite(values).all(axis=0).sum(axis=1)
     if per_light.min() < _FEWEST:
         worst = lights.ids[int(per_light.argmin())]
@@ -99,13 +95,13 @@ def _blocks_of(surface: MatteSurface, lights: Lights, index: int, count: int) ->
         )
     side = int(np.ceil(np.sqrt(found * count / _BLOCKS))) if found * count > 2 * _BLOCKS else 1
     side = min(side, max(1, int(np.sqrt(found / _FEWEST))))
-    share = _means(usable.astype(np.float64), side)
+    share = means_of_blocks(usable.astype(np.float64), side)
     rows, columns = np.nonzero(share == 1.0)
     radius = np.hypot(rows * side + (side - height) / 2, columns * side + (side - width) / 2)
-    values = np.stack([_means(image, side)[rows, columns] for image in surface.values])
+    values = np.stack([means_of_blocks(image, side)[rows, columns] for image in surface.values])
     values = np.moveaxis(values[..., None] if values.ndim == 2 else values, -1, 0)
-    where = _means(points, side)[rows, columns]
-    normals = _means(normals_of, side)[rows, columns]
+    where = means_of_blocks(points, side)[rows, columns]
+    normals = means_of_blocks(normals_of, side)[rows, columns]
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     with np.errstate(invalid="ignore"):
         values = np.where(values > 0, values, np.nan)
@@ -172,7 +168,7 @@ def _check_channels(values: Float64) -> None:
             )
 
 
-def _means(image: Floating, side: int) -> Float64:
+def means_of_blocks(image: Generic, side: int) -> Float64:
     """Return the means of ``side x side`` pixels; NaN if one of them is NaN."""
     rows, columns = image.shape[0] // side, image.shape[1] // side
     whole = image[: rows * side, : columns * side]

@@ -1,9 +1,9 @@
 from .demosaicing import demosaic as demosaic
 from .demosaicing import luma as luma
 from .image_form import Channel as Channel
-from .stack import BandedStack as BandedStack
-from .stack import RawStack as RawStack
+from .stack import LazyValues as LazyValues
 from .stack import Stack as Stack
+from .stack import StackFiles as StackFiles
 from .stack import check_linear as check_linear
 from .stack import linear_images as linear_images
 from .stack import linear_stack as linear_stack

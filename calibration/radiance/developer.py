@@ -44,6 +44,12 @@ class Developer:
     ----------
     tasks
         The frames of each light and its intensity in each colour.
+    shape
+        N, H, W of the images, and 3 for images in colour.
+    form
+        Channel, region and resolution of the images.
+    references
+        What the dark and ambient frames show.
 
     Raises
     ------
@@ -62,7 +68,7 @@ class Developer:
                 f"level of {source.black_level}, which must not be negative"
             )
         self._source = source
-        self._form = ImageForm(source, channel)
+        self.form = ImageForm(source, channel)
         exposures = [frame.exposure_us for frame in lit]
         known = [exposure for exposure in exposures if exposure is not None]
         if known and (len(known) < len(lit) or min(known) <= 0):
@@ -76,8 +82,9 @@ class Developer:
         self._noise = signal_noise(source, self._linear)
         white = None if self._noise is None else self._noise.of_frame
         self._clear_of_white = clear_of_white(white)
-        self._references = References(source, self._linear, sorted(set(known)))
+        self.references = References(source, self._linear, sorted(set(known)))
         self._ratios = BracketRatios()
+        self.shape = (len(source.light_ids), *source.size, *((3,) if channel == "rgb" else ()))
         lights = source.lights
         self.tasks: list[Task] = [
             (
@@ -90,24 +97,14 @@ class Developer:
         ]
 
     @property
-    def hot_pixels(self) -> Intp:
-        """Row and column ``(M, 2)`` of the pixels of a frame that are hot in some exposure."""
-        return self._references.hot_pixels
-
-    @property
     def notices(self) -> tuple[Notice, ...]:
         """What was noted about references, hot pixels and brackets so far."""
-        return (*self._references.notices, *self._ratios.notices)
-
-    @property
-    def pattern(self) -> str | None:
-        """Colours of the first 2 x 2 pixels of the images of a mosaic, row by row."""
-        return self._form.pattern
+        return (*self.references.notices, *self._ratios.notices)
 
     def used(self, rows: slice) -> UInt8 | None:
         """Return an array for the brackets in use at some rows, if the noise depends on them."""
         most = max(len(_brackets(frames)) for frames, _ in self.tasks)
-        if self._noise is None or not self._form.independent or not 1 < most <= 8:
+        if self._noise is None or not self.form.independent or not 1 < most <= 8:
             return None
         width_and_colours = self.tasks[0][0][0].shape[1:]
         return np.zeros((len(self.tasks), rows.stop - rows.start, *width_and_colours), np.uint8)
@@ -135,12 +132,12 @@ class Developer:
             floor,
             limit,
             intensities,
-            self._form.site_factor(),
-            self._form.colour(self.tasks[0][0][0]),
+            self.form.site_factor(),
+            self.form.colour(self.tasks[0][0][0]),
             self._noise.origin,
             used,
-            self.pattern,
-            self._form.response(),
+            self.form.pattern,
+            self.form.response(),
         )
 
     def check_usable(self, images: Sequence[np.float32]) -> None:
@@ -167,7 +164,7 @@ class Developer:
         # Rounding and an inaccurate black level leave up to two grey values in a dark image.
         span = self._source.white_level - self._source.black_level
         least = float(self._source.transfer.light(2 / span)) if span >= _LEAST_GREY_VALUES else 0.0
-        if not brightest > least and self._references.level > least:
+        if not brightest > least and self.references.level > least:
             raise EstimateError(
                 f"{path}: the dark or ambient frames are as bright as {every}: check "
                 "which frames are dark, and that the LEDs were off"
@@ -200,32 +197,21 @@ class Developer:
         ones of the frames, says whether bracket b counts at a sample.
         """
         frames, intensity = self.tasks[index]
-        wanted = slice(0, self._source.size[0]) if rows is None else rows
-        if len(frames) == 1 and self._form.independent:
+        wanted = slice(0, self.shape[1]) if rows is None else rows
+        if out is None:
+            out = np.zeros((wanted.stop - wanted.start, *self.shape[2:]), np.float32)
+        if len(frames) == 1 and self.form.independent:
             if used is not None:
                 used[...] = 1
-            return self._in_bands(frames[0], intensity, wanted, out)
-        window, cut = self._form.window(wanted)
+            # Its pixels are independent.
+            pixels, top = self._linear.pixels(frames[0], wanted), wanted.start
+            for band in row_bands(len(pixels)):
+                radiance = self._alone(frames[0], pixels, (band, _ALL), top)
+                out[band] = self.form.image(radiance, intensity, frames[0], top + band.start)
+            return out
+        window, cut = self.form.window(wanted)
         merged = self._merged(_brackets(frames), window, used)
-        image = self._form.image(merged, intensity, frames[0], window.start, cut)
-        if out is None:
-            return image
-        out[...] = image
-        return out
-
-    def _in_bands(
-        self, frame: Frame, intensity: Float64, rows: slice, out: Float32 | None
-    ) -> Float32:
-        """Return rows of the image of a light with one frame, whose pixels are independent."""
-        pixels = self._linear.pixels(frame, rows)
-        for band in row_bands(len(pixels)):
-            radiance = self._alone(frame, pixels, (band, _ALL), rows.start)
-            image = self._form.image(radiance, intensity, frame, rows.start + band.start)
-            if out is None:
-                out = np.zeros((len(pixels), *image.shape[1:]), np.float32)
-            out[band] = image
-        if out is None:
-            raise AssertionError("an image has rows")
+        out[...] = self.form.image(merged, intensity, frames[0], window.start, cut)
         return out
 
     def _alone(
@@ -311,7 +297,7 @@ class Developer:
         shows less than a sample next to white, or a hot pixel less its dark signal.
         """
         black, white = self._source.black_level, self._source.white_level
-        hot = self._references.hot_at(repeats[0].exposure_us)
+        hot = self.references.hot_at(repeats[0].exposure_us)
         replaced = self._replaced(repeats, shorter)
         limit = white
         if replaced and np.isfinite(white):

@@ -7,13 +7,13 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from threading import Lock
-from typing import Literal, Self, overload
+from typing import Any, Literal, Self, cast
 
 import numpy as np
 
 from acquisition import CameraModel, Lights, Source
 from acquisition.source import RowReader
-from calibration.radiance.developer import Developer, Index, Pixels, brightest_sample
+from calibration.radiance.developer import Developer, Pixels, brightest_sample
 from calibration.radiance.image_form import Channel
 from calibration.radiance.stack_noise import StackNoise, pattern_from_row
 from rig import Notice, Progress, check_type, no_progress
@@ -30,103 +30,83 @@ _AT_ONCE = 200_000_000
 _ROWS_AT_ONCE = 512
 _ROWS_TOGETHER = 32
 _ALL = slice(None)
-Which = slice | list[int] | Intp
 
 
 @dataclass(frozen=True, eq=False)
-class _RawImage:
-    """The one frame of a light as it was read; it is made linear where it is used."""
+class _FramesOfLight:
+    """The frames of one light, which are made linear where the image is read.
+
+    ``pixels`` are those of the only frame; None if the frames are read from their files.
+    """
 
     develop: Developer
     index: int
-    pixels: Pixels
+    pixels: Pixels | None = None
 
-    def __getitem__(self, part: tuple[Index, Index]) -> Float32:
-        return self.develop.part(self.index, self.pixels, part)
+    def __getitem__(self, part: tuple[Any, Any]) -> Float32:
+        if self.pixels is not None:
+            return self.develop.part(self.index, self.pixels, part)
+        if not isinstance(part[0], slice) or part[0].step is not None:
+            return np.asarray(self[_ALL, _ALL][part])
+        first, last, _ = part[0].indices(self.develop.shape[1])
+        image = np.zeros((last - first, *self.develop.shape[2:]), np.float32)
+        # In parts, because the frames and what is computed of them need far more memory.
+        for top in range(first, last, _ROWS_AT_ONCE):
+            rows = slice(top, min(top + _ROWS_AT_ONCE, last))
+            self.develop(self.index, rows, image[rows.start - first : rows.stop - first])
+        return image[:, part[1]]
 
 
-@dataclass(frozen=True, eq=False)
-class RawStack:
-    """Grey linear images of N lights, of which only the raw frames are kept.
+class LazyValues:
+    """Values of a stack that are made from its frames where they are read, each time again.
 
-    It is indexed like the ``(N, H, W)`` array `Stack.values`, and gives the same values: one image,
-    ``stack[3]``, or a part of the images, ``stack[:, 100:200, 300:400]``, is an array; some of the
-    lights, ``stack[::3]``, are a `RawStack`. Each access makes the values linear again. A stack of
-    16-bit frames takes half of the memory of its values. Lights with several frames, and colour
-    frames, are kept as linear grey values.
+    They are indexed like the array, and equal to it: one image, ``values[3]``, or a part of the
+    images, ``values[:, 100:200, 300:400]``, is an array; some of the lights, ``values[::3]``, are
+    `LazyValues`.
 
     Parameters
     ----------
     images
         For each light its image, or what gives parts of it.
-    shape
-        N, H, W.
-    ids
-        N names of the lights.
-    brightest
-        ``(H, W)`` float32, the brightest value of each pixel; 1 where one is saturated.
-    peaks
-        The brightest unsaturated sample of each image; NaN if all are saturated.
-    camera
-        The camera model; None if unknown.
-    warnings
-        As in `Stack`.
+    size
+        Shape of an image.
     """
 
-    images: tuple[Float32 | _RawImage, ...]
-    shape: tuple[int, int, int]
-    ids: tuple[str, ...]
-    brightest: Float32
-    peaks: tuple[float, ...]
-    camera: CameraModel | None = None
-    warnings: tuple[Notice, ...] = ()
+    dtype = np.dtype(np.float32)
 
-    def __repr__(self) -> str:
-        return f"RawStack({list(self.shape)}{', camera' if self.camera is not None else ''})"
+    def __init__(self, images: Sequence[Float32 | _FramesOfLight], size: tuple[int, ...]) -> None:
+        self._images = images
+        self.shape = (len(images), *size)
+        self.ndim = len(self.shape)
 
     def __len__(self) -> int:
-        return len(self.images)
+        return len(self._images)
 
-    @overload
-    def __getitem__(self, key: Which) -> RawStack: ...
-    @overload
-    def __getitem__(
-        self, key: int | tuple[int | Which, Index] | tuple[int | Which, Index, Index]
-    ) -> Float32: ...
-    def __getitem__(self, key: object) -> RawStack | Float32:
-        lights, rows, columns = (
-            (*key, _ALL, _ALL)[:3] if isinstance(key, tuple) else (key, _ALL, _ALL)
-        )
+    def __getitem__(self, key: Any) -> Any:
+        lights, rows, columns = (*(key if isinstance(key, tuple) else (key,)), _ALL, _ALL)[:3]
         if isinstance(lights, int | np.integer):
-            return self.images[lights][rows, columns]
+            return self._images[int(lights)][rows, columns]
         chosen = np.arange(len(self))[lights]
         if not isinstance(key, tuple):
-            return self._of(chosen.tolist())
-        first = self.images[chosen[0]][rows, columns]
+            return LazyValues([self._images[i] for i in chosen], self.shape[1:])
+        first = self._images[chosen[0]][rows, columns]
         values: Float32 = np.zeros((len(chosen), *first.shape), np.float32)
         values[0] = first
         for place, light in enumerate(chosen[1:], start=1):
-            values[place] = self.images[light][rows, columns]
+            values[place] = self._images[light][rows, columns]
         return values
 
-    def _of(self, lights: Sequence[int]) -> RawStack:
-        return replace(
-            self,
-            images=tuple(self.images[i] for i in lights),
-            ids=tuple(self.ids[i] for i in lights),
-            shape=(len(lights), *self.shape[1:]),
-            peaks=tuple(self.peaks[i] for i in lights),
-        )
+
+Images = Float32
+"""Linear grey images ``(N, H, W)``, or `LazyValues`."""
 
 
-Images = Float32 | RawStack
-"""Linear grey images ``(N, H, W)``."""
-
-
-def raw_stack(source: Source, *, on_progress: Progress = no_progress) -> RawStack:
+def raw_stack(source: Source, *, on_progress: Progress = no_progress) -> Stack:
     """Read a source and return its linear grey stack, kept as raw frames where possible.
 
-    Use it instead of `linear_stack` where few parts of the images are needed, as for spheres.
+    Use it instead of `linear_stack` where few parts of the images are needed, as for spheres. A
+    stack of 16-bit frames takes half of the memory of its values. Lights with several frames, and
+    colour frames, are kept as linear grey values.
 
     Parameters
     ----------
@@ -137,8 +117,9 @@ def raw_stack(source: Source, *, on_progress: Progress = no_progress) -> RawStac
 
     Returns
     -------
-    RawStack
-        Images in the order of `Source.light_ids`, with the values of `linear_stack`.
+    Stack
+        Images in the order of `Source.light_ids`. Its values are `LazyValues`, equal to those of
+        `linear_stack`; `Stack.brightest` and `Stack.peaks` are known.
 
     Raises
     ------
@@ -153,8 +134,8 @@ def raw_stack(source: Source, *, on_progress: Progress = no_progress) -> RawStac
     >>> for i in range(2):
     ...     write_png(f"card.{i}.png", np.full((4, 5), 65535 // (i + 2), np.uint16))
     >>> stack = raw_stack(read_source("."))
-    >>> stack, stack[:, 0, 1:3].round(3)
-    (RawStack([2, 4, 5]), array([[0.5  , 0.5  ],
+    >>> stack, stack.values[:, 0, 1:3].round(3)
+    (Stack(float32[2, 4, 5]), array([[0.5  , 0.5  ],
            [0.333, 0.333]], dtype=float32))
     """
     check_type("source", source, Source, "acquisition.read_source(path) returns one")
@@ -163,9 +144,9 @@ def raw_stack(source: Source, *, on_progress: Progress = no_progress) -> RawStac
     brightest: Float32 = np.zeros(size, np.float32)
     lock = Lock()
 
-    def read(i: int) -> tuple[Float32 | _RawImage, np.float32]:
+    def read(i: int) -> tuple[Float32 | _FramesOfLight, np.float32]:
         pixels = develop.raw(i)
-        image = develop(i) if pixels is None else _RawImage(develop, i, pixels)
+        image = develop(i) if pixels is None else _FramesOfLight(develop, i, pixels)
         largest = []
         for top in range(0, size[0], _ROWS_TOGETHER):
             rows = slice(top, top + _ROWS_TOGETHER)
@@ -183,21 +164,26 @@ def raw_stack(source: Source, *, on_progress: Progress = no_progress) -> RawStac
             on_progress("reading", len(images), len(ids))
     develop.check_usable(samples)
     np.nan_to_num(brightest, copy=False, nan=1.0)
-    shape = (len(ids), *size)
-    peaks = tuple(map(float, samples))
-    return RawStack(tuple(images), shape, ids, brightest, peaks, source.camera, develop.notices)
+    return replace(
+        _stack(source, develop, LazyValues(images, size)),
+        brightest=brightest,
+        peaks=tuple(map(float, samples)),
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class Stack:
     """Linear images of one object under N lights of intensity 1.
 
+    A stack from `open_stack` is to be closed, for example by ``with``.
+
     Parameters
     ----------
     values
         ``(N, H, W)`` or ``(N, H, W, 3)`` float32 radiance, divided by the light's intensity and the
         relative exposure. 1 is the white level at the longest exposure under intensity 1; for float
-        images it is the value 1. NaN where every exposure is saturated.
+        images it is the value 1. NaN where every exposure is saturated. Those of `raw_stack` and
+        `open_stack` are `LazyValues`, made from the frames where they are read.
     ids
         N names of the lights.
     lights
@@ -206,9 +192,9 @@ class Stack:
         ``(H, W)`` bool, the object; None if unknown.
     camera
         The camera model; None if unknown.
-    warnings
+    notices
         Dark or ambient frames that could not be used, or are missing; hot pixels; brackets that
-        contradict their exposure times.
+        contradict their exposure times. See `Stack.warnings`.
     noise
         Law of the temporal variance of the values; None if neither the recording nor its repeats
         determine it.
@@ -219,6 +205,25 @@ class Stack:
     pattern
         Colour filters of the first 2 x 2 pixels of a stack of the channel ``mosaic``, row by row;
         None for other stacks.
+    brightest
+        ``(H, W)`` float32, the brightest value of each pixel of a stack from `raw_stack`, 1 where
+        one is saturated; empty for other stacks.
+    peaks
+        The brightest unsaturated sample of each image of such a stack; NaN if all are saturated.
+    files
+        The frames of a stack from `open_stack`; None for other stacks.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import read_source, write_png
+    >>> from calibration import open_stack
+    >>> for i in range(3):
+    ...     write_png(f"card.{i}.png", np.full((6, 5), 20_000 * (i + 1), np.uint16))
+    >>> with open_stack(read_source(".")) as stack:
+    ...     means = [band.values.mean(axis=(1, 2)).round(2) for _, band in stack.bands(4)]
+    >>> means[0], means[1]
+    (array([0.31, 0.61, 0.92], dtype=float32), array([0.31, 0.61, 0.92], dtype=float32))
     """
 
     values: Float32
@@ -226,15 +231,23 @@ class Stack:
     lights: Lights | None
     mask: Bool | None = None
     camera: CameraModel | None = None
-    warnings: tuple[Notice, ...] = ()
+    notices: tuple[Notice, ...] = ()
     noise: StackNoise | None = None
     hot_pixels: Intp = field(default_factory=lambda: np.zeros((0, 2), np.intp))
     pattern: str | None = None
+    brightest: Float32 = field(default_factory=lambda: np.zeros((0, 0), np.float32))
+    peaks: tuple[float, ...] = ()
+    files: StackFiles | None = None
 
     def __repr__(self) -> str:
         parts = [f"{self.values.dtype}{list(self.values.shape)}"]
         parts += [name for name in ("lights", "mask", "camera") if getattr(self, name) is not None]
         return f"Stack({', '.join(parts)})"
+
+    @property
+    def warnings(self) -> tuple[Notice, ...]:
+        """The notices; of an open stack, brackets are compared in the rows made so far."""
+        return self.notices if self.files is None else self.files.develop.notices
 
     def take(self, indices: Sequence[int]) -> Stack:
         """Return the stack of the images with these indices, in this order."""
@@ -245,31 +258,101 @@ class Stack:
             ids=tuple(self.ids[i] for i in pick),
             lights=None if self.lights is None else self.lights.take(pick),
             noise=None if self.noise is None else self.noise.take(pick),
+            peaks=self.peaks and tuple(self.peaks[i] for i in pick),
         )
 
     def rows(self, first: int, last: int) -> Stack:
         """Return the stack of the rows from ``first`` to before ``last``.
 
-        Values and mask are views. The camera, the law of the noise and the pattern are those of
-        images that begin at this row.
+        Values in memory and the mask are views. The camera, the law of the noise and the pattern
+        are those of images that begin at this row.
 
         Raises
         ------
         ValueError
             If there are no such rows.
+        DataError
+            If a file of an open stack was changed, or can no longer be read.
         """
         height, width = self.values.shape[1:3]
         if not 0 <= first < last <= height:
             raise ValueError(f"images of {height} rows have no rows from {first} to before {last}")
-        pattern = self.pattern
+        rows, pattern = slice(first, last), self.pattern
+        noise = None if self.noise is None else self.noise.rows(first, last)
+        if self.files is None:
+            values = self.values[:, rows]
+        else:
+            values, used, _ = _made(self.files.develop, rows, _THREADS)
+            noise = noise and replace(noise, used=used)
         return replace(
             self,
-            values=self.values[:, first:last],
-            mask=None if self.mask is None else self.mask[first:last],
+            values=values,
+            mask=None if self.mask is None else self.mask[rows],
             camera=self.camera and self.camera.cropped(0, first, width, last - first),
-            noise=None if self.noise is None else self.noise.rows(first, last),
+            notices=self.warnings,
+            noise=noise,
             pattern=pattern and pattern_from_row(pattern, first),
+            files=None,
         )
+
+    def bands(self, rows: int | None = None) -> Iterator[tuple[slice, Stack]]:
+        """Yield all rows in bands, from the top, with their stacks.
+
+        Parameters
+        ----------
+        rows
+            Rows of a band; default: as many as need 64 MB. The last band may have fewer.
+
+        Raises
+        ------
+        ValueError
+            If ``rows`` is not at least 1.
+        DataError
+            As `rows`.
+        EstimateError
+            After the last band of an open stack, if all samples of all images are saturated or
+            black.
+        """
+        height = self.values.shape[1]
+        of_one = 4 * math.prod(self.values.shape) // height
+        step = max(1, _BAND // of_one) if rows is None else rows
+        if step < 1:
+            raise ValueError(f"a band has at least 1 row, not {rows}")
+        brightest = []
+        for first in range(0, height, step):
+            last = min(first + step, height)
+            band = self.rows(first, last)
+            brightest.append(brightest_sample(band.values))
+            yield slice(first, last), band
+        if self.files is not None:
+            self.files.develop.check_usable(brightest)
+
+    def close(self) -> None:
+        """Remove the decoded frames of an open stack from the disk."""
+        if self.files is not None:
+            self.files.reader.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+@dataclass(frozen=True, eq=False)
+class StackFiles:
+    """The frames of an open stack: what makes them linear, and what keeps and reads them."""
+
+    source: Source
+    develop: Developer
+    reader: RowReader
+
+    def in_channel(self, channel: Channel) -> Stack:
+        """Return the same images in another channel, without reading or keeping frames again.
+
+        It is closed with the stack.
+        """
+        return _opened(self.source, channel, self.reader)
 
 
 def linear_stack(
@@ -334,43 +417,45 @@ def linear_stack(
     """
     check_type("source", source, Source, "acquisition.read_source(path) returns one")
     develop = Developer(source, channel)
-    count = len(source.light_ids)
-    used = develop.used(slice(0, source.size[0]))
-
-    def used_at(i: int) -> UInt8 | None:
-        return None if used is None else used[i]
-
-    first = develop(0, used=used_at(0))
-    values = np.zeros((count, *first.shape), np.float32)
-    values[0] = first
-    brightest = [brightest_sample(first)]
-    threads = threads_for(first.nbytes)
-    del first
-    on_progress("reading", 1, count)
-
-    def fill(i: int) -> np.float32:
-        develop(i, out=values[i], used=used_at(i))
-        return brightest_sample(values[i])
-
-    with ThreadPoolExecutor(threads) as pool:
-        for i, found in enumerate(pool.map(fill, range(1, count)), start=1):
-            brightest.append(found)
-            on_progress("reading", i + 1, count)
+    threads = threads_for(4 * math.prod(develop.shape[1:]))
+    values, used, brightest = _made(develop, slice(0, develop.shape[1]), threads, on_progress)
     develop.check_usable(brightest)
     return _stack(source, develop, values, used)
 
 
-def _stack(source: Source, develop: Developer, values: Float32, used: UInt8 | None) -> Stack:
+def _made(
+    develop: Developer, rows: slice, threads: int, on_progress: Progress = no_progress
+) -> tuple[Float32, UInt8 | None, list[np.float32]]:
+    """Return rows of all images, brackets in use, and the brightest sample of each image."""
+    count = len(develop.tasks)
+    used = develop.used(rows)
+    values = np.zeros((count, rows.stop - rows.start, *develop.shape[2:]), np.float32)
+
+    def fill(i: int) -> np.float32:
+        develop(i, rows, values[i], None if used is None else used[i])
+        return brightest_sample(values[i])
+
+    brightest = []
+    with ThreadPoolExecutor(threads) as pool:
+        for found in pool.map(fill, range(count)):
+            brightest.append(found)
+            on_progress("reading", len(brightest), count)
+    return values, used, brightest
+
+
+def _stack(
+    source: Source, develop: Developer, values: Float32 | LazyValues, used: UInt8 | None = None
+) -> Stack:
     return Stack(
-        values,
+        cast(Float32, values),
         source.light_ids,
         source.lights,
         source.mask,
         source.camera,
         develop.notices,
         develop.noise(used),
-        develop.hot_pixels,
-        develop.pattern,
+        develop.references.hot_pixels,
+        develop.form.pattern,
     )
 
 
@@ -448,172 +533,18 @@ def check_linear(name: str, values: object) -> None:
         )
 
 
-class BandedStack:
-    """The stack of a source, of which only the rows in use are in memory; see `open_stack`.
-
-    It has the attributes ids, lights, mask, camera, hot_pixels and pattern of `Stack`, and
-    ``shape``: N, H, W, and 3 for images in colour.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from acquisition import read_source, write_png
-    >>> from calibration import open_stack
-    >>> for i in range(3):
-    ...     write_png(f"card.{i}.png", np.full((6, 5), 20_000 * (i + 1), np.uint16))
-    >>> with open_stack(read_source(".")) as stack:
-    ...     means = [band.values.mean(axis=(1, 2)).round(2) for _, band in stack.bands(4)]
-    >>> means[0], means[1]
-    (array([0.31, 0.61, 0.92], dtype=float32), array([0.31, 0.61, 0.92], dtype=float32))
-    """
-
-    def __init__(
-        self,
-        source: Source,
-        *,
-        channel: Channel = "gray",
-        on_progress: Progress = no_progress,
-        reader: RowReader | None = None,
-    ) -> None:
-        self._source = source
-        self._reader = RowReader() if reader is None else reader
-        try:
-            self._develop = Developer(source, channel, self._reader)
-            of_lights = [frames for frames, _ in self._develop.tasks]
-            threads = max(1, _DECODED // math.prod(source.frames[0].shape))
-            with ThreadPoolExecutor(min(threads, _THREADS)) as pool:
-                checked = pool.map(lambda frames: [*map(self._reader.check, frames)], of_lights)
-                for done, _ in enumerate(checked, start=1):
-                    on_progress("reading", done, len(of_lights))
-            first = self._develop(0, slice(0, 1))
-        except BaseException:
-            self._reader.close()
-            raise
-        shape = (len(source.light_ids), source.size[0], *first.shape[1:])
-        # The complete stack but for its values, which take no memory.
-        self._form = _stack(source, self._develop, np.broadcast_to(np.float32(0), shape), None)
-        self.shape: tuple[int, ...] = shape
-        self.ids = self._form.ids
-        self.lights = self._form.lights
-        self.mask = self._form.mask
-        self.camera = self._form.camera
-        self.hot_pixels = self._form.hot_pixels
-        self.pattern = self._form.pattern
-
-    def __repr__(self) -> str:
-        return f"BandedStack({list(self.shape)})"
-
-    @property
-    def warnings(self) -> tuple[Notice, ...]:
-        """As in `Stack`; brackets are compared in the rows that were made so far."""
-        return self._develop.notices
-
-    def rows(self, first: int, last: int) -> Stack:
-        """Return the stack of the rows from ``first`` to before ``last``.
-
-        It is equal to these rows of `linear_stack`; see `Stack.rows`.
-
-        Raises
-        ------
-        ValueError
-            If there are no such rows.
-        DataError
-            If a file was changed, or can no longer be read.
-        """
-        part = self._form.rows(first, last)
-        rows = slice(first, last)
-        used = self._develop.used(rows)
-        values = np.zeros(part.values.shape, np.float32)
-
-        def fill(i: int) -> None:
-            of_one = None if used is None else used[i]
-            self._develop(i, rows, values[i], of_one)
-
-        with ThreadPoolExecutor(_THREADS) as pool:
-            for _ in pool.map(fill, range(len(values))):
-                pass
-        noise = None if part.noise is None else replace(part.noise, used=used)
-        return replace(part, values=values, noise=noise, warnings=self.warnings)
-
-    def in_channel(self, channel: Channel) -> BandedStack:
-        """Return the same images in another channel, without reading or keeping frames again.
-
-        It is closed with this one.
-        """
-        return BandedStack(self._source, channel=channel, reader=self._reader)
-
-    def image(self, index: int, rows: slice | None = None) -> Float32:
-        """Return the image of one light, ``(H, W)`` or ``(H, W, 3)``, as in `linear_stack`.
-
-        ``rows``, with start and stop, limits it to these rows.
-
-        Raises
-        ------
-        DataError
-            As `rows`.
-        """
-        wanted = slice(0, self.shape[1]) if rows is None else rows
-        image = np.zeros((wanted.stop - wanted.start, *self.shape[2:]), np.float32)
-        # In parts, because the frames and what is computed of them need far more memory.
-        for first in range(wanted.start, wanted.stop, _ROWS_AT_ONCE):
-            part = slice(first, min(first + _ROWS_AT_ONCE, wanted.stop))
-            inside = slice(part.start - wanted.start, part.stop - wanted.start)
-            self._develop(index, part, image[inside])
-        return image
-
-    def bands(self, rows: int | None = None) -> Iterator[tuple[slice, Stack]]:
-        """Yield all rows in bands, from the top, with their stacks.
-
-        Parameters
-        ----------
-        rows
-            Rows of a band; default: as many as need 64 MB. The last band may have fewer.
-
-        Raises
-        ------
-        ValueError
-            If ``rows`` is not at least 1.
-        DataError
-            As `rows`.
-        EstimateError
-            After the last band, if all samples of all images are saturated or black.
-        """
-        height = self.shape[1]
-        of_one = 4 * int(np.prod(self.shape)) // height
-        step = max(1, _BAND // of_one) if rows is None else rows
-        if step < 1:
-            raise ValueError(f"a band has at least 1 row, not {rows}")
-        brightest = []
-        for first in range(0, height, step):
-            last = min(first + step, height)
-            band = self.rows(first, last)
-            brightest.append(brightest_sample(band.values))
-            yield slice(first, last), band
-        self._develop.check_usable(brightest)
-
-    def close(self) -> None:
-        """Remove the decoded frames from the disk."""
-        self._reader.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-
 def open_stack(
     source: Source,
     *,
     channel: Channel = "gray",
     on_progress: Progress = no_progress,
-) -> BandedStack:
+) -> Stack:
     """Check the frames of a source and return its stack, whose values are made on request.
 
     Use it instead of `linear_stack` for recordings that do not fit into memory. In memory are the
     rows in use, the mask, and one image for each exposure time with dark or ambient frames.
     Uncompressed frames of sessions are read from their files. Others are decoded once, and kept in
-    a temporary file until `BandedStack.close`.
+    a temporary file until `Stack.close`.
 
     Parameters
     ----------
@@ -624,7 +555,7 @@ def open_stack(
 
     Returns
     -------
-    BandedStack
+    Stack
         To be closed, for example by ``with``.
 
     Raises
@@ -641,8 +572,28 @@ def open_stack(
     ...     write_png(f"card.{i}.png", np.full((400, 5), 65535 // (i + 2), np.uint16))
     >>> with open_stack(read_source(".")) as stack:
     ...     stack, stack.rows(100, 102).values[:, 0, :2].round(3)
-    (BandedStack([2, 400, 5]), array([[0.5  , 0.5  ],
+    (Stack(float32[2, 400, 5]), array([[0.5  , 0.5  ],
            [0.333, 0.333]], dtype=float32))
     """
     check_type("source", source, Source, "acquisition.read_source(path) returns one")
-    return BandedStack(source, channel=channel, on_progress=on_progress)
+    return _opened(source, channel, RowReader(), on_progress)
+
+
+def _opened(
+    source: Source, channel: Channel, reader: RowReader, on_progress: Progress = no_progress
+) -> Stack:
+    try:
+        develop = Developer(source, channel, reader)
+        of_lights = [frames for frames, _ in develop.tasks]
+        threads = max(1, _DECODED // math.prod(source.frames[0].shape))
+        with ThreadPoolExecutor(min(threads, _THREADS)) as pool:
+            checked = pool.map(lambda frames: [*map(reader.check, frames)], of_lights)
+            for done, _ in enumerate(checked, start=1):
+                on_progress("reading", done, len(of_lights))
+        develop(0, slice(0, 1))  # whether the frames have the channel
+    except BaseException:
+        reader.close()
+        raise
+    frames = [_FramesOfLight(develop, i) for i in range(len(of_lights))]
+    stack = _stack(source, develop, LazyValues(frames, develop.shape[1:]))
+    return replace(stack, files=StackFiles(source, develop, reader))

@@ -22,6 +22,7 @@ from calibration.sensor.photon_transfer import (
     full_well,
     linearity,
     read_noise,
+    root,
     saturation,
 )
 from calibration.sensor.recorded_series import SensorRecording, sensor_recording
@@ -267,9 +268,7 @@ def _dsnu(dark: DarkFrames, gain: Gain) -> Measured:
     """Return the spatial deviation of the mean dark frame, less that of its temporal noise."""
     total = dark.level_variance
     squared = total - dark.residual / dark.free / len(dark.time_s)
-    in_dn = _root(squared, (2 / int(dark.good.sum())) ** 0.5 * total)
-    sigma = float(np.hypot(in_dn.sigma, in_dn.value * gain.sigma / gain.dn_per_e))
-    return Measured(in_dn.value / gain.dn_per_e, sigma / gain.dn_per_e)
+    return gain.in_electrons(root(squared, (2 / int(dark.good.sum())) ** 0.5 * total))
 
 
 def _prnu(series: Sequence[SeriesPoints]) -> Measured:
@@ -280,12 +279,7 @@ def _prnu(series: Sequence[SeriesPoints]) -> Measured:
             "pixels needs: record more brackets"
         )
     squared = float(weight @ [one.prnu_squared for one in series]) / float(weight.sum())
-    return _root(squared, float(weight.sum()) ** -0.5)
-
-
-def _root(squared: float, sigma: float) -> Measured:
-    """Return the root of a variance; near 0, its deviation is limited by that of the variance."""
-    return Measured(max(squared, 0.0) ** 0.5, sigma / (2 * max(squared, sigma) ** 0.5))
+    return root(squared, float(weight.sum()) ** -0.5)
 
 
 def _hot_pixels(dark: DarkFrames, e_per_dn: float) -> dict[str, float]:

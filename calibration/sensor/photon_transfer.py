@@ -98,6 +98,11 @@ class Gain:
     dark_variance: float
     dark_variance_sigma: float
 
+    def in_electrons(self, found: Measured) -> Measured:
+        """Return a value in DN in electrons; its error includes that of the gain."""
+        sigma = float(np.hypot(found.sigma, found.value * self.sigma / self.dn_per_e))
+        return Measured(found.value / self.dn_per_e, sigma / self.dn_per_e)
+
 
 def fit_gain(points: Points, dark: DarkFrames, top: float) -> Gain:
     """Fit the variance above that of the dark, in proportion to the signal.
@@ -247,9 +252,9 @@ def linearity(points: Points, top: float, flicker: float) -> Linearity:
 
 def read_noise(gain: Gain) -> Measured:
     """Return the temporal noise in the dark without quantisation, electrons."""
-    squared = max(gain.dark_variance - _QUANTISATION, 0.0)
-    value = squared**0.5 / gain.dn_per_e
-    # Close to 0, the square root has no derivative: the noise of the noise is the limit.
-    of_variance = gain.dark_variance_sigma / (2 * max(squared, gain.dark_variance_sigma) ** 0.5)
-    of_gain = squared**0.5 * gain.sigma / gain.dn_per_e
-    return Measured(value, float(np.hypot(of_variance, of_gain)) / gain.dn_per_e)
+    return gain.in_electrons(root(gain.dark_variance - _QUANTISATION, gain.dark_variance_sigma))
+
+
+def root(squared: float, sigma: float) -> Measured:
+    """Return the root of a variance; near 0, its deviation is limited by that of the variance."""
+    return Measured(max(squared, 0.0) ** 0.5, sigma / (2 * max(squared, sigma) ** 0.5))

@@ -10,6 +10,7 @@ from .geometry.reflection import orthographic_directions as orthographic_directi
 from .highlights.highlights import Candidates as Candidates
 from .highlights.highlights import Highlights as Highlights
 from .highlights.highlights import find_highlights as find_highlights
+from .outline.outline import TracedOutline as TracedOutline
 from .outline.outline import mask_outlines as mask_outlines
 from .outline.sphere_image import SphereImage as SphereImage
 from .propose.sphere_selection import find_spheres as find_spheres

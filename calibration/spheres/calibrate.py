@@ -8,15 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from acquisition import CameraModel, DataError
-from acquisition.values import led_id
 from calibration._errors import EstimateError
-from calibration.radiance.stack import Images, RawStack, Stack
+from calibration.radiance.stack import Images, Stack
 from calibration.spheres.judge.input_tests import known_places
 from calibration.spheres.outline.outline_noise import cone_of
 from calibration.spheres.outline.sphere_image import SphereImage, circles_of
 from calibration.spheres.position_calibration import positioned_lights
 from calibration.spheres.propose.sphere_marks import Mask
-from calibration.spheres.recording import Circle, SeenSpheres, seen_in
+from calibration.spheres.recording import Circle, SeenSpheres, named_stack, seen_in
 from calibration.spheres.solve.average_directions import orthographic_lights, perspective_lights
 from calibration.spheres.solve.lost_images import lost_lights
 from calibration.spheres.solve.sphere_calibration import SeenTogether, SphereCalibration
@@ -208,9 +207,7 @@ def _known_lights(
     """
     if not seen:
         return None
-    ids = (
-        stack.ids if isinstance(stack, Stack | RawStack) else tuple(map(led_id, range(len(stack))))
-    )
+    ids = named_stack(stack).ids
     difference = light_difference(names[0], seen[0].names, names[len(seen)], ids)
     if difference:
         raise DataError(difference)
@@ -250,7 +247,7 @@ def _lights(
     warnings = notices + [
         replace(notice, where=notice.where or recordings[k])
         for k, one in enumerate(seen)
-        for notice in one.warnings()
+        for notice in (*one.left_out, *one.doubts)
     ]
     found = [seen[k].found for k in of_recording]
     shown = SeenTogether(names, places_mm, images, of_recording, recordings, found)

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from acquisition import CameraModel
-from calibration.radiance.stack import Images, Stack, check_linear
+from calibration.radiance.stack import Images, Stack
+from calibration.spheres.geometry.ellipse import Ellipse
 from calibration.spheres.highlights.spots import reduce_stack, spot_clusters
 from calibration.spheres.outline.mirror_search import LEAST_SHARE, accepted, best_mirror, outline_of
 from calibration.spheres.outline.surroundings import Balls, MirroredPlane
-from calibration.spheres.propose.edge_search import inside, round_edges, spheres_by_edges
-from calibration.spheres.recording import gray_values
+from calibration.spheres.propose.edge_search import inside, overlap, round_edges, spheres_by_edges
+from calibration.spheres.recording import gray_stack
 
 _MOST = 8
 
@@ -41,10 +42,9 @@ class SphereCandidate:
         """Return why the search does not take it for a sphere, for people."""
         if not self.lights:
             return "a round edge without a highlight that moves with the light"
+        share = 100 * max(self.mirrored, 0.0)
         if not self.mirrored >= LEAST_SHARE:
-            share = 100 * max(self.mirrored, 0.0)
             return f"highlights, but it mirrors only {share:.0f} % of what surrounds it"
-        share = 100 * self.mirrored
         return (
             f"it mirrors {share:.0f} % of what surrounds it, but it does not have the given "
             "radius, or a ball of another radius mirrors nearly as much"
@@ -76,8 +76,7 @@ def sphere_candidates(
     >>> sphere_candidates(np.full((3, 48, 64), 0.2, np.float32))  # nothing in even images
     []
     """
-    check_linear("stack", stack)
-    values, _ = gray_values(stack)
+    values = gray_stack(stack).values
     reduced = reduce_stack(values)
     plane = MirroredPlane(values, reduced, camera)
     edges = round_edges(values)
@@ -97,15 +96,9 @@ def sphere_candidates(
             share = float(plane.compare(circle).share[0])
         else:
             continue
-        circle_px = (*outline.centre_px, outline.radius_px)
-        spheres.append(SphereCandidate(circle_px, len(cluster.spots_px), share))
+        spheres.append(SphereCandidate(outline.circle_px, len(cluster.spots_px), share))
     spheres.sort(key=lambda one: -one.mirrored)
     for edge in edges:
-        circle_px = (*edge.centre_px, edge.radius_px)
-        if not any(_overlap(circle_px, one.circle_px) for one in spheres):
-            spheres.append(SphereCandidate(circle_px, 0, float("nan")))
+        if not any(overlap(edge, Ellipse.circle(*one.circle_px)) for one in spheres):
+            spheres.append(SphereCandidate(edge.circle_px, 0, float("nan")))
     return spheres[:_MOST]
-
-
-def _overlap(a: tuple[float, float, float], b: tuple[float, float, float]) -> bool:
-    return bool(np.hypot(a[0] - b[0], a[1] - b[1]) < max(a[2], b[2]))

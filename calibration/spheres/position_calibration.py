@@ -28,7 +28,6 @@ from calibration.spheres.solve.lost_images import named
 from calibration.spheres.solve.sphere_calibration import (
     SeenTogether,
     SphereCalibration,
-    placed_spheres,
     rms_deg,
 )
 from calibration.spheres.solve.sphere_positions import place
@@ -131,7 +130,7 @@ def positioned_lights(
         spheres=used.sum(axis=1),
     )
     lights = Lights(positions_mm=positions, ids=names, errors=errors)
-    spheres = shown.numbered(placed_spheres(images, centres, radii))
+    spheres = shown.spheres(replace(placed, centres_mm=centres))
     return SphereCalibration(lights, spheres, highlights, used, residuals, tuple(warnings))
 
 

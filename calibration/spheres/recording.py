@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Container, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from acquisition import CameraModel, DataError
 from acquisition.values import led_id
 from calibration._errors import EstimateError
-from calibration.radiance.stack import Images, RawStack, Stack, check_linear
+from calibration.radiance.stack import Images, Stack, check_linear
 from calibration.spheres.highlights.highlights import find_highlights
 from calibration.spheres.judge.sphere_shifts import displaced
 from calibration.spheres.outline.outline import shows_blocks
@@ -64,16 +64,12 @@ class SeenSpheres:
         ``(K,)``; None if they are not known.
     found
         Whether the spheres were searched for, not marked.
-    left_out
-        Notices about outlines that do not count.
-    uneven
-        Notices about outlines that count, but are not sharp.
-    copies
-        Notices about images that are equal, or compressed.
     lost
         Images that do not count; the spheres have no highlights under their lights.
-    displaced
-        Notices about single spheres that are elsewhere in some images.
+    left_out
+        Notices about outlines that do not count.
+    doubts
+        Notices about outlines, highlights and images.
     """
 
     names: tuple[str, ...]
@@ -81,27 +77,11 @@ class SeenSpheres:
     images: list[SphereImage]
     radii_mm: Float64 | None
     found: bool
+    lost: LostImages
     left_out: list[Notice]
-    uneven: list[Notice]
-    copies: list[Notice] = field(default_factory=list)
-    lost: LostImages = field(default_factory=LostImages)
-    displaced: list[Notice] = field(default_factory=list)
+    doubts: list[Notice]
 
     __repr__ = short_repr
-
-    def warnings(self) -> list[Notice]:
-        """Return what was left out, and doubts about outlines and highlights."""
-        bright = [image for image in self.images if image.highlights.found.any()]
-        return [
-            *self.left_out,
-            *self.uneven,
-            *missing_highlights_warning(self.images),
-            *(saturation_warning(bright) if bright else ()),
-            *partial_outline_warning(self.images, self.size),
-            *mask_warnings(self.images),
-            *self.copies,
-            *self.displaced,
-        ]
 
 
 def seen_in(
@@ -126,10 +106,10 @@ def seen_in(
     lights
         Order of the lights; default: that of the stack.
     """
-    check_linear("stack", stack)
-    values, names = gray_values(stack)
-    if lights is not None and lights != names:
-        values, names = values[[names.index(name) for name in lights]], lights
+    gray = gray_stack(stack)
+    if lights is not None and lights != gray.ids:
+        gray = gray.take([gray.ids.index(name) for name in lights])
+    values, names = gray.values, gray.ids
     if camera is not None and camera.size != values.shape[1:]:
         raise DataError(
             f"the camera is {camera.width} x {camera.height} pixels, the images are "
@@ -156,25 +136,29 @@ def seen_in(
                 error.args = (f"{error}; {_BLOCKS}{'' if masks else ', or give a mask'}",)
             raise
 
-    images, left_out, lost, elsewhere = _steady_spheres(values, names, spheres_in)
+    images, left_out, lost, elsewhere = _steady_spheres(gray, spheres_in)
     if not found:
         _check_apart(images)
-    uneven = [] if masks else uneven_outline_warning(images)
     if radii_mm is not None:
         by_size = found or not (all_radii or len(radii_mm) == len(images))
         radii_mm = one_radius_each(radii_mm, images, camera, found=by_size, each=all_radii)
     size = values.shape[1], values.shape[2]
-    copies = _copies(values, names, images)
-    if compressed:
-        copies.append(Notice("images-compressed", _BLOCKS))
-    return SeenSpheres(
-        names, size, images, radii_mm, found, left_out, uneven, copies, lost, elsewhere
-    )
+    bright = [image for image in images if image.highlights.found.any()]
+    doubts = [
+        *([] if masks else uneven_outline_warning(images)),
+        *missing_highlights_warning(images),
+        *(saturation_warning(bright) if bright else ()),
+        *partial_outline_warning(images, size),
+        *mask_warnings(images),
+        *_copies(values, names, images),
+        *([Notice("images-compressed", _BLOCKS)] if compressed else ()),
+        *elsewhere,
+    ]
+    return SeenSpheres(names, size, images, radii_mm, found, lost, left_out, doubts)
 
 
 def _steady_spheres(
-    values: Images,
-    names: Sequence[str],
+    stack: Stack,
     spheres_in: Callable[[Images], tuple[list[SphereImage], list[Notice]]],
 ) -> tuple[list[SphereImage], list[Notice], LostImages, list[Notice]]:
     """Return the spheres of the images that agree about their places.
@@ -183,7 +167,8 @@ def _steady_spheres(
     not count, the images that do not count, and notices about spheres that are elsewhere in some
     images.
     """
-    lost = blank_images(values)
+    values, names = stack.values, stack.ids
+    lost = blank_images(stack)
     lost.check(names)
     rows = _without(range(len(names)), lost.lights)
     some = _taken(values, rows)
@@ -262,29 +247,33 @@ def _copies(values: Images, names: Sequence[str], images: Sequence[SphereImage])
 def _check_apart(images: Sequence[SphereImage]) -> None:
     """Raise `DataError` if two marks are the same sphere, which must not count twice."""
     for one, other in combinations([image.outline for image in images], 2):
-        apart = float(np.hypot(*np.subtract(one.centre_px, other.centre_px)))
-        if apart < min(one.radius_px, other.radius_px):
+        if one.apart_px(other) < min(one.radius_px, other.radius_px):
             x, y = one.centre_px
             raise DataError(f"two marks are the sphere at ({x:.0f}, {y:.0f}) px: mark it once")
 
 
-def gray_values(
-    stack: Stack | Images,
-) -> tuple[Images, tuple[str, ...]]:
-    """Return grey values ``(N, H, W)`` and the names of the N lights."""
-    if isinstance(stack, RawStack):
-        return stack, stack.ids
-    values = stack.values if isinstance(stack, Stack) else np.asarray(stack, np.float32)
+def named_stack(stack: Stack | Images) -> Stack:
+    """Return a stack, or that of an array of images of the lights ``L00``..."""
+    if isinstance(stack, Stack):
+        return stack
+    values = np.asarray(stack, np.float32)
+    return Stack(values, tuple(map(led_id, range(len(np.atleast_1d(values))))), None)
+
+
+def gray_stack(stack: Stack | Images) -> Stack:
+    """Return a stack of grey values ``(N, H, W)`` with the names of the N lights."""
+    check_linear("stack", stack)
+    stack = named_stack(stack)
+    values, names = stack.values, stack.ids
     if values.ndim == 4:
         values = values.mean(axis=3)  # a NaN channel makes the sample NaN
     if values.ndim != 3 or 0 in values.shape:
         raise DataError(
             f"a stack of sphere images must have the shape (N, H, W[, 3]), not {values.shape}"
         )
-    names = stack.ids if isinstance(stack, Stack) else tuple(map(led_id, range(len(values))))
     if len(names) != len(values):
         raise DataError(
             f"{pluralize(len(names), 'light')} for {pluralize(len(values), 'image')}: give one for "
             "each image"
         )
-    return values, names
+    return Stack(values, names, None, peaks=stack.peaks)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration import BandedStack, Stack, StackNoise
+from calibration import Stack, StackNoise
 from calibration.radiance import luma
 from processing.images.viewing_rays import SurfacePoints
 from rig import Notice
@@ -80,11 +80,11 @@ class RecordedImages:
         Indices of those in use; default: all.
     """
 
-    def __init__(self, stack: Stack | BandedStack, kept: Sequence[int] | None = None) -> None:
+    def __init__(self, stack: Stack, kept: Sequence[int] | None = None) -> None:
         self._stack = stack
         self._kept = list(range(len(stack.ids)) if kept is None else kept)
         self.ids = tuple(stack.ids[i] for i in self._kept)
-        shape = stack.values.shape if isinstance(stack, Stack) else stack.shape
+        shape = stack.values.shape
         self.size = (shape[1], shape[2])
         self.in_colour = len(shape) > 3
 
@@ -97,9 +97,7 @@ class RecordedImages:
         return len(self._kept)
 
     def __getitem__(self, index: int) -> Float32:
-        at = self._kept[index]
-        stack = self._stack
-        image = stack.values[at] if isinstance(stack, Stack) else stack.image(at)
+        image = self._stack.values[self._kept[index]]
         return luma(image) if self.in_colour else image
 
     def __iter__(self) -> Iterator[Float32]:

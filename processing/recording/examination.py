@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from acquisition import DataError, Lights, Source
-from calibration import BandedStack, EstimateError, Stack
+from calibration import EstimateError, Stack
 from processing.checks.curve_check import curve_warnings
 from processing.checks.quality import ImageQuality, quality_of
 from processing.checks.scheme_check import exclusion
@@ -60,7 +60,7 @@ class _Geometry(NamedTuple):
 
 def examination_of(
     source: Source,
-    stack: Stack | BandedStack,
+    stack: Stack,
     geometry: _Geometry,
     method: Method,
     on_progress: Progress,

@@ -13,8 +13,8 @@ import numpy as np
 from acquisition import MapRows, Source
 from acquisition.files import BandStore, MemoryMaps, check_unfinished, rows_in_bands
 from acquisition.source import setup_notices
-from calibration import BandedStack, Stack, linear_stack, open_stack
-from calibration.radiance import Channel, luma
+from calibration import Stack, linear_stack, open_stack
+from calibration.radiance import Channel, StackFiles, luma
 from processing.colour.colour_albedo import (
     ColourSums,
     colour_albedo,
@@ -182,8 +182,7 @@ class NormalsStage:
             check_unfinished(files.path, files.identity)
         with ExitStack() as opened:
             stack = self._opened(source, opened, on_progress, in_bands=files is not None)
-            banded = stack if isinstance(stack, BandedStack) else None
-            pattern, store = stack.pattern, None
+            frames, pattern, store = stack.files, stack.pattern, None
             examined, of_mask = examination_of(source, stack, geometry, self.method, on_progress)
             del stack  # the examination may replace it
             examined.leave_out_unlit()
@@ -191,8 +190,8 @@ class NormalsStage:
             quality = examined.check(exclude_disagreeing=self.exclude_disagreeing)
             in_colour = examined.images.in_colour
             colours = None
-            if banded is not None and not in_colour and pattern is None:
-                colours = _colours(source, banded, examined)
+            if frames is not None and not in_colour and pattern is None:
+                colours = _colours(source, frames, examined)
             mask = examined.mask
             forms = map_forms(mask.shape, len(examined.lights))
             if in_colour or colours is not None:
@@ -228,7 +227,7 @@ class NormalsStage:
         if pattern is not None:
             albedo = albedo_of_sites(made["gray_albedo"][:], valid, pattern)
             made |= {"albedo": albedo, "gray_albedo": luma(albedo)}
-        elif banded is None and not in_colour:
+        elif frames is None and not in_colour:
             normals = NormalMap.of_unit_vectors(made["normals"][:], valid)
             of_gray = made["gray_albedo"][:], made["residual"][:]
             found = colour_albedo(source, used, lights, normals, *of_gray, points, on_progress)
@@ -257,7 +256,7 @@ class NormalsStage:
         examined: Examination,
         maps: MemoryMaps | BandStore,
         files: MapFiles | None,
-        colours: BandedStack | None,
+        colours: Stack | None,
         on_progress: Progress,
     ) -> ShownBySample:
         """Fill the maps; ``colours`` are gray images in colour, for the albedo."""
@@ -283,7 +282,7 @@ class NormalsStage:
 
     def _opened(
         self, source: Source, opened: ExitStack, on_progress: Progress, *, in_bands: bool
-    ) -> Stack | BandedStack:
+    ) -> Stack:
         """Return the stack of a source, in bands if it is large and not needed as a whole."""
         channel: Channel = "rgb" if self.channel == "joint" else self.channel
         values = len(source.light_ids) * math.prod(source.size) * (3 if channel == "rgb" else 1)
@@ -400,19 +399,19 @@ def reconstruct(
     return replace(made, surface=height, warnings=(*made.warnings, *height.warnings))
 
 
-def _colours(source: Source, stack: BandedStack, examined: Examination) -> BandedStack | None:
+def _colours(source: Source, frames: StackFiles, examined: Examination) -> Stack | None:
     """Return the images in colour; None if they have none."""
     if not may_have_colour(source):
         return None
-    colours = stack.in_channel("rgb")
-    first = stack.ids.index(examined.images.ids[0])
+    colours = frames.in_channel("rgb")
+    first = colours.ids.index(examined.images.ids[0])
     height, width = source.size
     bands = rows_in_bands(height, 12 * width, _READ)
-    return colours if any(coloured(colours.image(first, rows)) for rows in bands) else None
+    return colours if any(coloured(colours.values[first, rows]) for rows in bands) else None
 
 
 def _albedo_in_colour(
-    maps: MemoryMaps | BandStore, colours: BandedStack, examined: Examination, rows: slice
+    maps: MemoryMaps | BandStore, colours: Stack, examined: Examination, rows: slice
 ) -> Float32:
     """Return rows of the albedo in colour, from the rows of the other maps."""
     normals, albedo, residual = (maps[name][rows] for name in ("normals", "albedo", "residual"))
@@ -421,7 +420,7 @@ def _albedo_in_colour(
     sums = ColourSums(NormalMap.of_unit_vectors(normals, valid), albedo, residual, points)
     ids, lights = examined.images.ids, examined.lights
     for i, name in enumerate(ids):
-        sums.add(colours.image(colours.ids.index(name), rows), lights.take([i]), len(ids))
+        sums.add(colours.values[colours.ids.index(name), rows], lights.take([i]), len(ids))
     return sums.albedo()
 
 

@@ -164,7 +164,7 @@ class _Recording:
         if source.mask_path is not None and source.mask_origin == "folder" and not marks.circles:
             self.masks = [source.mask_path]
 
-    def read(self) -> calibration.RawStack:
+    def read(self) -> calibration.Stack:
         """Read the images; keep the brightest value of each pixel for the picture."""
         largest = max(self.source.size)
         if any(radius > largest for _, _, radius in self.circles):
@@ -223,7 +223,7 @@ def _estimate(
         "radius_mm": given_radii(radius_mm),
         "led_positions_mm": places_mm,
     }
-    stack: calibration.RawStack | None = None
+    stack: calibration.Stack | None = None
     try:
         with opencv_threads(1):
             if len(recordings) > 1:
@@ -255,7 +255,7 @@ def _estimate(
 def _draw_candidates(
     error: calibration.EstimateError,
     recording: _Recording,
-    stack: calibration.RawStack,
+    stack: calibration.Stack,
     picture: Path,
 ) -> None:
     """Write a picture of what may be a sphere, and add a note about it to an error.

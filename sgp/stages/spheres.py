@@ -120,7 +120,7 @@ def given_radii(radius_mm: Sequence[float]) -> float | Sequence[float] | None:
     return radius_mm[0] if len(radius_mm) == 1 else radius_mm
 
 
-def undivided_images(source: acquisition.Source) -> calibration.RawStack:
+def undivided_images(source: acquisition.Source) -> calibration.Stack:
     """Read images as recorded, without dividing by the light intensities of the source."""
     with Stages() as progress:
         return calibration.raw_stack(replace(source, lights=None), on_progress=progress)

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import importlib
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 
 from acquisition import CameraModel
+from calibration.spheres import fit_ellipse
 
 
 @dataclass(frozen=True)
@@ -87,6 +91,25 @@ def bench() -> Bench:
     return Bench()
 
 
+def codes(result):
+    """Return the codes of the notices of a calibration."""
+    return [notice.code for notice in result.warnings]
+
+
+def outline_in(camera, sphere):
+    """Return the ellipse at which the rays of a camera touch a sphere, in the image or not."""
+    axis = np.array(sphere.centre_mm) - camera.centre_mm
+    distance = np.linalg.norm(axis)
+    axis /= distance
+    first = np.cross(axis, [0.0, 1.0, 0.0])
+    first /= np.linalg.norm(first)
+    angle = np.arange(0, 2 * np.pi, 0.05)
+    around = np.outer(np.cos(angle), first) + np.outer(np.sin(angle), np.cross(axis, first))
+    sine = sphere.radius_mm / distance
+    touch = distance * (1 - sine**2) * axis + sphere.radius_mm * np.sqrt(1 - sine**2) * around
+    return fit_ellipse(camera.project(camera.centre_mm + touch))[0]
+
+
 def dome(count: int = 36, radius: float = 450.0):
     """Return lights on rings at elevations of 15, 35, 55 and 75 degrees."""
     rings = np.array([15, 35, 55, 75])
@@ -104,3 +127,18 @@ def dome(count: int = 36, radius: float = 450.0):
 @pytest.fixture(scope="session")
 def dome_mm():
     return dome()
+
+
+@pytest.fixture(scope="module")
+def benchmark(request):
+    """The module of the benchmark that a test module names, which imports others of its folder."""
+    folder = str(Path(__file__).parents[2] / "benchmarks")
+    sys.path.insert(0, folder)
+    try:
+        yield importlib.import_module(request.module.BENCHMARK)
+    finally:
+        sys.path.remove(folder)
+        places = {name: str(getattr(one, "__file__", "")) for name, one in sys.modules.items()}
+        for name in (name for name, place in places.items() if place.startswith(folder)):
+            if "." not in name:
+                del sys.modules[name]

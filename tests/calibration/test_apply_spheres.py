@@ -5,7 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from acquisition import DataError, LightErrors, Lights, crop, downscale, exclude, read_source
+from acquisition import (
+    DataError,
+    LightErrors,
+    Lights,
+    angle_deg,
+    crop,
+    downscale,
+    exclude,
+    read_source,
+)
 from calibration import apply_spheres, calibrate_spheres, linear_stack
 from processing import reconstruct
 from tests.calibration.spheres_and_object import (
@@ -28,11 +37,6 @@ def recording(tmp_path_factory):
     return folder
 
 
-def angles_deg(a, b):
-    cross = np.linalg.norm(np.cross(a, b), axis=-1)
-    return np.degrees(np.arctan2(cross, np.sum(a * b, axis=-1)))
-
-
 @pytest.fixture(scope="module")
 def spheres(recording):
     """Return the calibration from the images, which no test changes."""
@@ -41,7 +45,7 @@ def spheres(recording):
 
 def test_lights_come_from_the_spheres_and_the_mask_leaves_them_out(recording, spheres):
     source = apply_spheres(read_source(recording), spheres)
-    assert angles_deg(source.lights.directions, directions()).max() < 0.4
+    assert angle_deg(source.lights.directions, directions()).max() < 0.4
     assert spheres.lights.ids == source.lights.ids
     for centre in BALLS:
         _, ball = normals_of(centre, RADIUS)
@@ -53,7 +57,7 @@ def test_lights_come_from_the_spheres_and_the_mask_leaves_them_out(recording, sp
     assert not (result.mask & source.not_object).any()
     assert np.count_nonzero(result.mask ^ truth) < 0.03 * truth.sum()
     middle = normals_of(OBJECT, 0.7 * OBJECT_RADIUS)[1]  # lit by every light
-    assert angles_deg(result.normals.normals, normals)[middle].mean() < 0.4
+    assert angle_deg(result.normals.normals, normals)[middle].mean() < 0.4
 
 
 def test_a_mask_of_the_recording_also_leaves_them_out(recording, spheres):
@@ -72,7 +76,7 @@ def test_intensities_of_the_recording_stay(recording, spheres):
     )
     source = apply_spheres(known, spheres)
     np.testing.assert_array_equal(source.lights.intensities[:, 0], strengths)
-    assert angles_deg(source.lights.directions, directions()).max() < 0.4
+    assert angle_deg(source.lights.directions, directions()).max() < 0.4
     # Each value keeps the error of the recording from which it was estimated.
     np.testing.assert_array_equal(source.lights.errors.intensity_std[:, 0], 0.01 * strengths)
     np.testing.assert_array_equal(

@@ -1,8 +1,6 @@
 """Lights from a painted ball and from a chrome ball agree; so do outlines of half the images."""
 
-import importlib.util
 import os
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,24 +11,8 @@ from calibration import calibrate_spheres, linear_stack
 from calibration.spheres import orthographic_directions
 
 DATA = os.environ.get("SGP_DATA")
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+BENCHMARK = "ball_shading"
 real = pytest.mark.skipif(not DATA, reason="SGP_DATA is not set: no real captures")
-
-
-@pytest.fixture(scope="module")
-def benchmark():
-    sys.path.insert(0, str(BENCHMARKS))
-    try:
-        spec = importlib.util.spec_from_file_location(
-            "ball_shading", BENCHMARKS / "ball_shading.py"
-        )
-        module = importlib.util.module_from_spec(spec)
-        sys.modules["ball_shading"] = module
-        spec.loader.exec_module(module)
-        yield module
-    finally:
-        sys.path.remove(str(BENCHMARKS))
-        sys.modules.pop("ball_shading", None)
 
 
 @pytest.fixture(scope="module")

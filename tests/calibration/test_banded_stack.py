@@ -145,10 +145,12 @@ def test_bands_are_the_rows_of_the_complete_stack(tmp_path, kind):
             continue
         whole = linear_stack(source, channel=channel)
         with open_stack(source, channel=channel) as stack:
-            assert stack.shape == whole.values.shape
+            assert stack.values.shape == whole.values.shape
             for rows in (7, 32, 100):
                 parts = list(stack.bands(rows))
-                assert [where.start for where, _ in parts] == list(range(0, stack.shape[1], rows))
+                assert [where.start for where, _ in parts] == list(
+                    range(0, stack.values.shape[1], rows)
+                )
                 for where, band in parts:
                     check_equal(band, whole.rows(where.start, where.stop))
             np.testing.assert_array_equal(stack.hot_pixels, whole.hot_pixels)

@@ -45,7 +45,7 @@ def test_what_is_seen_where_the_surroundings_are_bright(cloth, radius, seen):
     "outline",
     [
         pytest.param(Ellipse(CENTRE, (RADIUS, RADIUS)), id="black all around"),
-        pytest.param(Ellipse((200.0, 100.0), (RADIUS, RADIUS)), id="at the frame"),
+        pytest.param(Ellipse.circle(200.0, 100.0, RADIUS), id="at the frame"),
     ],
 )
 def test_without_bright_surroundings_nothing_is_decided(outline):
@@ -57,5 +57,4 @@ def test_the_outline_around_a_border_is_found():
     border = Ellipse(CENTRE, (BORDER, BORDER))
     sphere = SphereImage(border, np.zeros((0, 2)), 0.5, find_highlights(values, border))
     found = in_all_images(values, sphere)
-    assert found.outline.centre_px == pytest.approx(CENTRE, abs=0.3)
-    assert found.outline.radius_px == pytest.approx(RADIUS, abs=0.3)
+    assert found.outline.circle_px == pytest.approx((*CENTRE, RADIUS), abs=0.3)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from acquisition import CameraModel, DataError
-from calibration import CameraCalibration, CharucoBoard, EstimateError, calibrate_camera, find_board
+from calibration import CharucoBoard, EstimateError, calibrate_camera, find_board
 from calibration.camera import BoardView, find_working_plane
 from simulator import Lens
 from tests.calibration.board_series import (
@@ -22,12 +22,9 @@ from tests.calibration.board_series import (
     shots,
     turned,
 )
+from tests.calibration.conftest import codes
 
 FOUR = ((0, 0), (1, 1), (0, 2), (1, 2))
-
-
-def codes(done: CameraCalibration) -> list[str]:
-    return [notice.code for notice in done.warnings]
 
 
 def pulls(seeds: range, camera: CameraModel = CAMERA) -> np.ndarray:

@@ -14,10 +14,11 @@ from scipy.spatial.transform import Rotation
 
 from acquisition import DataError, LightErrors, Lights
 from acquisition.values import Calibrated
-from calibration import LightComparison, compare_lights
+from calibration import compare_lights
 from calibration.comparison import compare_with_rig
 from rig import RigConfig
 from rig.arrays import Float64
+from tests.calibration.conftest import codes
 from tests.quick_sample import quick
 
 
@@ -46,10 +47,6 @@ def at(lights: Lights, vectors: Float64) -> Lights:
     if lights.near:
         return replace(lights, positions_mm=vectors, axes=None)
     return Lights(directions=vectors, ids=lights.ids)
-
-
-def codes(found: LightComparison) -> list[str]:
-    return [notice.code for notice in found.warnings]
 
 
 @settings(max_examples=15, deadline=None)

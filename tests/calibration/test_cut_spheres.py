@@ -7,24 +7,10 @@ import numpy as np
 import pytest
 
 from calibration import EstimateError, calibrate_spheres
-from calibration.spheres import fit_ellipse
 from simulator import ChromeSphere, render, scene_named
+from tests.calibration.conftest import outline_in
 
 pytestmark = pytest.mark.slow
-
-
-def outline(camera, sphere):
-    """Return the ellipse of the points where rays touch a sphere, within the image or not."""
-    axis = np.array(sphere.centre_mm) - camera.centre_mm
-    distance = np.linalg.norm(axis)
-    axis /= distance
-    first = np.cross(axis, [0.0, 1.0, 0.0])
-    first /= np.linalg.norm(first)
-    angle = np.arange(0, 2 * np.pi, 0.05)
-    around = np.outer(np.cos(angle), first) + np.outer(np.sin(angle), np.cross(axis, first))
-    sine = sphere.radius_mm / distance
-    touch = distance * (1 - sine**2) * axis + sphere.radius_mm * np.sqrt(1 - sine**2) * around
-    return fit_ellipse(camera.project(camera.centre_mm + touch))[0]
 
 
 @pytest.fixture(scope="module", params=[0.8, 0.6])
@@ -37,7 +23,7 @@ def scene(request):
     values = rendering.planes + rendering.ambient
     values[values > 1] = np.nan
     masks = list(rendering.truth.sphere_masks)
-    outlines = [outline(rendering.truth.camera, sphere) for sphere in spheres]
+    outlines = [outline_in(rendering.truth.camera, sphere) for sphere in spheres]
     return SimpleNamespace(
         values=values, masks=masks, outlines=outlines, camera=rendering.truth.camera
     )
@@ -58,8 +44,7 @@ def test_the_visible_part_gives_the_outline_and_its_coverage(scene, marked):
     assert 0.4 < cut.coverage < 0.75
     assert whole.coverage > 0.9
     # The frame pulls the outline toward it by up to .4 px.
-    assert cut.outline.centre_px == pytest.approx(scene.outlines[0].centre_px, abs=0.45)
-    assert cut.outline.radius_px == pytest.approx(scene.outlines[0].radius_px, abs=0.45)
+    assert cut.outline.circle_px == pytest.approx(scene.outlines[0].circle_px, abs=0.45)
     codes = {notice.code for notice in calibration.warnings}
     assert ("outline-partly-seen" in codes) == (cut.coverage < 0.6)
 

@@ -1,6 +1,7 @@
 """Images in which a sphere is not where the other images show it, and images that show nothing."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -13,7 +14,9 @@ from acquisition import angle_deg, read_source, write_png
 from calibration import EstimateError, calibrate_moved_spheres, calibrate_spheres, raw_stack
 from calibration.spheres import Ellipse, recording
 from calibration.spheres.judge.sphere_shifts import displaced
+from calibration.spheres.recording import named_stack
 from calibration.spheres.solve.lost_images import blank_images
+from tests.calibration.conftest import codes
 from tests.calibration.spheres_and_object import CIRCLES, write_recording
 from tests.calibration.uneven_balls import uneven_ball
 from tests.quick_sample import quick
@@ -88,7 +91,7 @@ def test_small_and_large_balls(size):
     ]
     x, y = ((at + 0.5) * size - 0.5 for at in circle[:2])
     radius = circle[2] * size
-    found = displaced(np.array(large, np.float32), Ellipse((x, y), (radius, radius)))
+    found = displaced(np.array(large, np.float32), Ellipse.circle(x, y, radius))
     assert list(found) == [2]
     assert found[2] == pytest.approx(5 * size, abs=0.1 * 5 * size)
 
@@ -133,17 +136,13 @@ def test_small_shifts_need_many_images_and_tiny_balls_show_none():
     tiny = np.array([cv2.resize(moved(v, 0, 0), None, fx=scale, fy=scale) for v in values])
     tiny[1] = np.roll(tiny[1], 4, axis=1)
     x, y = ((at + 0.5) * scale - 0.5 for at in circle[:2])
-    assert displaced(np.nan_to_num(tiny, nan=1.0), Ellipse((x, y), (11.0, 11.0))) == {}
+    assert displaced(np.nan_to_num(tiny, nan=1.0), Ellipse.circle(x, y, 11.0)) == {}
 
 
 @pytest.mark.parametrize("centre", [(-5.0, 60.0), (100.0, 900.0)])
 def test_an_outline_beyond_the_frame_shows_nothing(centre):
     values, _, _ = uneven_ball(9208)
     assert displaced(values, Ellipse(centre, (50.0, 50.0))) == {}
-
-
-def codes(result):
-    return [notice.code for notice in result.warnings]
 
 
 CIRCLED = 9210
@@ -214,17 +213,17 @@ def test_blank_images_of_files_are_those_of_their_values(tmp_path):
     write_png(tmp_path / "L02.png", np.zeros((200, 300), np.uint16))
     write_png(tmp_path / "L05.png", np.full((200, 300), 65535, np.uint16))
     stack = raw_stack(read_source(tmp_path))
-    for images in (stack, stack[:], stack[:, :, :]):
+    for images in (stack, replace(stack, peaks=()), named_stack(stack.values[:, :, :])):
         lost = blank_images(images)
         assert (lost.black, lost.white) == ((2,), (5,))
-    assert blank_images(stack[[0, 5, 7]]).white == (1,)
-    assert blank_images(np.full((3, 4, 5), np.nan, np.float32)).lights == []
+    assert blank_images(stack.take([0, 5, 7])).white == (1,)
+    assert blank_images(named_stack(np.full((3, 4, 5), np.nan, np.float32))).lights == []
 
 
 def recording_of(folder, **moves):
     """Return the recording with two balls, in which some images of balls are moved."""
     write_recording(folder)
-    values = np.array(raw_stack(read_source(folder))[:, :, :])
+    values = np.array(raw_stack(read_source(folder)).values[:, :, :])
     for name, (k, change) in moves.items():
         circle = CIRCLES[int(name[-1])]
         values[k] = ball_moved(values[k], circle, *change)
@@ -325,7 +324,7 @@ def test_images_in_each_of_which_another_ball_moved_show_the_outlines(tmp_path, 
 def chrome():
     """Return the images and the outline of a ball that moved in none of them."""
     source = read_source(Path(DATA) / "uw" / "chrome")
-    values = np.array(raw_stack(source)[:, :, :])
+    values = np.array(raw_stack(source).values[:, :, :])
     rows, columns = np.nonzero(source.mask)
     outline = Ellipse((columns.mean(), rows.mean()), (119.0, 119.0))
     assert displaced(values, outline) == {}

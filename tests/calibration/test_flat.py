@@ -16,6 +16,7 @@ from calibration import (
     linear_stack,
 )
 from tests.calibration.card_recordings import SENSOR, card, gloss, recorded, response, rms
+from tests.calibration.conftest import codes
 
 WIDTH = 160
 
@@ -28,10 +29,6 @@ def paths_exist(monkeypatch):
 
 def small(leds=12, **options):
     return card(leds=leds, width=WIDTH, **options)
-
-
-def codes(found):
-    return [notice.code for notice in found.warnings]
 
 
 @pytest.mark.slow

@@ -129,10 +129,10 @@ def test_all_ways_to_read_a_source_use_its_flat():
     made = flat()
     source = apply_flat(recording(np.full(SHAPE, 0.5), made.response), made)
     values = linear_stack(source).values
-    np.testing.assert_array_equal(raw_stack(source)[:, 3:40, 5:90], values[:, 3:40, 5:90])
+    np.testing.assert_array_equal(raw_stack(source).values[:, 3:40, 5:90], values[:, 3:40, 5:90])
     np.testing.assert_array_equal(next(iter(linear_images(source))), values[0])
     two = apply_flat(recording(np.full(SHAPE, 0.5), made.response, repeats=2), made)
-    np.testing.assert_array_equal(raw_stack(two)[0], linear_stack(two).values[0])
+    np.testing.assert_array_equal(raw_stack(two).values[0], linear_stack(two).values[0])
 
 
 @pytest.mark.parametrize("shares", [(1.0,), THREE], ids=["one exposure", "three brackets"])

@@ -4,7 +4,7 @@ import pytest
 from calibration.spheres import Candidates, Ellipse, Highlights, find_highlights
 from calibration.spheres.highlights.spot import weighted_centroid
 
-OUTLINE = Ellipse((60.0, 50.0), (40.0, 40.0))
+OUTLINE = Ellipse.circle(60.0, 50.0, 40.0)
 
 
 def spot(x, y, peak, sigma=0.8, shape=(100, 120)):
@@ -199,7 +199,7 @@ def test_the_width_of_a_spot_is_that_at_0_3_of_its_height(sigma, found):
 def test_a_spot_of_up_to_3_px_is_compact_on_a_small_sphere(side, found):
     values = np.zeros((1, 30, 30), np.float32)
     values[0, 14 : 14 + side, 14 : 14 + side] = 1
-    assert find_highlights(values, Ellipse((15.0, 15.0), (6.0, 6.0))).found.tolist() == [found]
+    assert find_highlights(values, Ellipse.circle(15.0, 15.0, 6.0)).found.tolist() == [found]
 
 
 @pytest.mark.parametrize("lights", [1, 2, 3, 5])
@@ -216,7 +216,7 @@ def test_a_lamp_that_shines_under_some_of_the_lights_is_no_highlight(lit, bright
     places = [(8 + 2 * (i % 8), 16 + 2 * (i // 8)) for i in range(32)]
     values = dots(*places, shape=(32, 32))
     values[:lit, 8, 16] = brightness
-    result = find_highlights(values, Ellipse((15.5, 15.5), (16.0, 16.0)))
+    result = find_highlights(values, Ellipse.circle(15.5, 15.5, 16.0))
     np.testing.assert_allclose(result.pixels, places, atol=0.05)
 
 
@@ -269,10 +269,10 @@ def test_the_long_axis_of_an_ellipse_is_in_reach(size):
 @pytest.mark.parametrize(
     ("outline", "values"),
     [
-        pytest.param(Ellipse((-60.0, 50.0), (40.0, 40.0)), 0.0, id="left of the frame"),
-        pytest.param(Ellipse((60.0, 500.0), (40.0, 40.0)), 0.0, id="below the frame"),
+        pytest.param(Ellipse.circle(-60.0, 50.0, 40.0), 0.0, id="left of the frame"),
+        pytest.param(Ellipse.circle(60.0, 500.0, 40.0), 0.0, id="below the frame"),
         pytest.param(OUTLINE, np.nan, id="completely saturated"),
-        pytest.param(Ellipse((60.5, 50.5), (0.5, 0.5)), 1.0, id="between the pixels"),
+        pytest.param(Ellipse.circle(60.5, 50.5, 0.5), 1.0, id="between the pixels"),
     ],
 )
 def test_a_sphere_that_shows_nothing_has_no_highlights(outline, values):
@@ -313,7 +313,7 @@ def test_a_region_without_flux_keeps_its_centre():
 def test_a_spot_that_touches_the_frame_is_ignored(gap, found):
     """One bright pixel becomes a spot of 3 x 3 pixels."""
     places = [(gap, 15), (39 - gap, 14), (20, gap), (21, 29 - gap), (12, 12)]
-    outline = Ellipse((19.5, 14.5), (40.0, 40.0))
+    outline = Ellipse.circle(19.5, 14.5, 40.0)
     result = find_highlights(dots(*places, shape=(30, 40)), outline)
     assert result.found.tolist() == [found] * 4 + [True]
 
@@ -322,7 +322,7 @@ def test_a_spot_cut_off_by_the_frame_is_ignored():
     """The centre of the remaining part is wrong by up to 1.4 px, here 4 degrees of the light."""
     places = np.array([[50.3, 20.1], [66.8, 8.4], [71.5, 0.2], [58.0, -0.4], [45.2, -0.9]])
     values = np.stack([spot(x, y, 200.0, sigma=1.5) + 0.2 for x, y in places]).astype(np.float32)
-    result = find_highlights(values, Ellipse((60.0, 10.0), (40.0, 40.0)))
+    result = find_highlights(values, Ellipse.circle(60.0, 10.0, 40.0))
     assert result.found.tolist() == [True, True, False, False, False]
     assert np.abs(result.pixels[:2] - places[:2]).max() < 0.01
 

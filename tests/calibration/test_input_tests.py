@@ -1,9 +1,5 @@
 """Given values that contradict the images are named, with both explanations of a wrong ratio."""
 
-import importlib.util
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -18,39 +14,13 @@ from calibration.spheres.judge.input_tests import (
     factor_of,
     known_places,
 )
+from tests.calibration.conftest import dome
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+BENCHMARK = "wrong_inputs"
 RADII = np.full(4, 20.0)
 
 
-def dome():
-    """Return the lights of the benchmark: rings at elevations of 15, 35, 55 and 75 degrees."""
-    rings = [
-        [(e, turn) for turn in np.arange(n) * 2 * np.pi / n + 0.3]
-        for e, n in zip(np.radians([15, 35, 55, 75]), (13, 12, 7, 4), strict=True)
-    ]
-    places = [
-        (np.cos(e) * np.cos(t), np.cos(e) * np.sin(t), np.sin(e)) for ring in rings for e, t in ring
-    ]
-    return 450.0 * np.array(places)
-
-
-DOME = dome()
-
-
-@pytest.fixture(scope="module")
-def benchmark():
-    sys.path.insert(0, str(BENCHMARKS))
-    try:
-        spec = importlib.util.spec_from_file_location(
-            "wrong_inputs", BENCHMARKS / "wrong_inputs.py"
-        )
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-        yield module
-    finally:
-        sys.path.remove(str(BENCHMARKS))
-        sys.modules.pop("light_uncertainty", None)
+DOME = np.array(dome())
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,6 @@
 """The outline of a ball from all images, of which each may be wrong about a part of it."""
 
-import importlib.util
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -18,6 +15,7 @@ from calibration.spheres.solve.average_directions import orthographic_lights
 from calibration.spheres.solve.sphere_calibration import SeenTogether
 
 TRUE = np.array([80.0, 78.0, 50.0])
+BENCHMARK = "drawn_lone_balls"
 
 
 def ball(images=6):
@@ -46,7 +44,7 @@ def values():
 
 
 def test_images_with_another_edge_abstain(values):
-    found = joint_outline(values, Ellipse((80.6, 77.5), (50.4, 50.4)))
+    found = joint_outline(values, Ellipse.circle(80.6, 77.5, 50.4))
     assert np.abs(change_px(found.outline)[:2]).max() < 0.02
     # The step of this ball is no limb of a mirror, which is what the model expects.
     assert abs(change_px(found.outline)[2]) < 0.2
@@ -55,7 +53,7 @@ def test_images_with_another_edge_abstain(values):
 
 
 def test_parts_that_disagree_enlarge_the_stated_error(values):
-    outline = Ellipse((80.0, 78.0), (50.0, 50.0))
+    outline = Ellipse.circle(80.0, 78.0, 50.0)
     alike = part_covariance(values[3:], outline)
     mixed = part_covariance(values[[0, 3]], outline)
     assert np.sqrt(np.trace(alike)) < 0.05
@@ -71,7 +69,7 @@ def test_parts_that_disagree_enlarge_the_stated_error(values):
 )
 def test_the_outline_that_most_images_support_is_found(values, guess, reach):
     x, y, radius = guess
-    found = joint_near(values, Ellipse((x, y), (radius, radius)), reach)
+    found = joint_near(values, Ellipse.circle(x, y, radius), reach)
     assert np.abs(change_px(found.outline)[:2]).max() < 0.05
     assert abs(change_px(found.outline)[2]) < 0.25
 
@@ -85,7 +83,7 @@ def test_the_outline_that_most_images_support_is_found(values, guess, reach):
 )
 def test_no_edge_no_outline(values, place):
     x, y, radius = place
-    assert joint_near(values, Ellipse((x, y), (radius, radius)), 3.0) is None
+    assert joint_near(values, Ellipse.circle(x, y, radius), 3.0) is None
 
 
 def disc(blur_px, radius_px=128.0):
@@ -107,7 +105,7 @@ def disc(blur_px, radius_px=128.0):
 )
 def test_a_search_may_begin_in_smaller_images(blur_px, seen_in):
     true, values = disc(blur_px)
-    found = joint_near(values, Ellipse((155.5, 144.8), (133, 133)), 8.0, (2, 3))
+    found = joint_near(values, Ellipse.circle(155.5, 144.8, 133), 8.0, (2, 3))
     change = np.array([*found.outline.centre_px, found.outline.radius_px]) - true
     assert np.abs(change).max() < 0.1
     assert found.factor == seen_in
@@ -125,7 +123,7 @@ def test_a_large_outline_that_is_blurred_is_found_in_smaller_images(radius_px, b
     """The model of the limb has a blur of at most 1.4 px."""
     true, values = disc(blur_px, radius_px)
     x, y, radius = true + np.array([1.2, -0.8, 1.0])
-    found = joint_near(values, Ellipse((x, y), (radius, radius)), 4.0)
+    found = joint_near(values, Ellipse.circle(x, y, radius), 4.0)
     change = np.array([*found.outline.centre_px, found.outline.radius_px]) - true
     assert np.abs(change).max() < 0.1
     assert found.support > 0.9
@@ -135,13 +133,13 @@ def test_a_large_outline_that_is_blurred_is_found_in_smaller_images(radius_px, b
 def test_too_few_edges_are_an_error():
     even = np.full((3, 160, 160), 0.3, np.float32)
     with pytest.raises(EstimateError, match=r"no edge agrees with an outline at \(80, 78\) px"):
-        joint_outline(even, Ellipse((80.0, 78.0), (50.0, 50.0)))
+        joint_outline(even, Ellipse.circle(80.0, 78.0, 50.0))
 
 
 def mirroring(values, change):
     """Return a sphere whose outline seems to be known to 0.03 px, but is off by a change."""
     x, y, radius = TRUE + change
-    outline = Ellipse((x, y), (radius, radius))
+    outline = Ellipse.circle(x, y, radius)
     highlights = find_highlights(values, outline)
     return SphereImage(outline, outline.point(np.arange(6.0)), 1.0, highlights, np.eye(3) * 0.03**2)
 
@@ -203,33 +201,23 @@ def test_outlines_that_few_edges_support_state_the_difference(values):
     assert np.trace(seen.covariance_px2) > change @ change
 
 
-def lone_ball(seed):
-    """Return the drawn recording of `benchmarks/drawn_lone_balls.py`."""
-    path = Path(__file__).parents[2] / "benchmarks" / "drawn_lone_balls.py"
-    spec = importlib.util.spec_from_file_location("drawn_lone_balls", path)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["drawn_lone_balls"] = module
-    spec.loader.exec_module(module)
-    return module.lone_ball(seed)
-
-
 def start(seed, circle):
     """Return a circle that is off by 2 % of the radius."""
     change = np.random.default_rng((seed, 7)).normal(size=3)
     x, y, radius = np.array(circle) + 0.02 * circle[2] * change / np.linalg.norm(change)
-    return Ellipse((x, y), (radius, radius))
+    return Ellipse.circle(x, y, radius)
 
 
 @pytest.mark.slow
-def test_outlines_without_a_plane_are_found_or_state_their_error():
+def test_outlines_without_a_plane_are_found_or_state_their_error(benchmark):
     """Of 12 drawn balls, with other seeds than the development."""
     off, sigmas = [], []
     for seed in range(400, 412):
-        drawn = lone_ball(seed)
+        drawn = benchmark.lone_ball(seed)
         found = joint_near(drawn.values, start(seed, drawn.circle), 0.03 * drawn.circle[2])
         if found is None:
             continue
-        change = np.array([*found.outline.centre_px, found.outline.radius_px]) - drawn.circle
+        change = np.subtract(found.outline.circle_px, drawn.circle)
         off.append(np.linalg.norm(change))
         sigmas.append(off[-1] / np.sqrt(np.trace(found.covariance_px2) + 3 * 0.05**2))
     assert len(off) >= 8

@@ -1,8 +1,5 @@
 """The benchmark of layouts expects errors that follow from the geometry alone."""
 
-import importlib.util
-import sys
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,24 +7,8 @@ import pytest
 
 from simulator import ChromeSphere, bench_camera
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+BENCHMARK = "sphere_layouts"
 CORNERS = [(-90.0, -70.0), (90.0, 70.0), (-90.0, 70.0), (90.0, -70.0)]
-
-
-@pytest.fixture(scope="module")
-def benchmark():
-    sys.path.insert(0, str(BENCHMARKS))
-    try:
-        spec = importlib.util.spec_from_file_location(
-            "sphere_layouts", BENCHMARKS / "sphere_layouts.py"
-        )
-        module = importlib.util.module_from_spec(spec)
-        sys.modules["sphere_layouts"] = module
-        spec.loader.exec_module(module)
-        yield module
-    finally:
-        sys.path.remove(str(BENCHMARKS))
-        sys.modules.pop("sphere_layouts", None)
 
 
 def expected(benchmark, count=4, radius=15.0, spread=1.0, width=960, height=804):

@@ -1,38 +1,19 @@
 """Errors of lights against their covariances, from simulated outlines and highlights."""
 
-import importlib.util
-import sys
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
 from acquisition.values import tangent_basis
-from calibration.spheres import Ellipse, orthographic_directions
+from calibration.spheres import Ellipse, TracedOutline, orthographic_directions
 from calibration.spheres.outline.outline_noise import circle_covariance, slow_variance, viewing_cone
 from calibration.spheres.solve.average_directions import direction_covariances
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+BENCHMARK = "light_uncertainty"
 TURN = np.arange(800) * (2 * np.pi / 800)
 ONES = np.ones(800)
-
-
-@pytest.fixture(scope="module")
-def benchmark():
-    sys.path.insert(0, str(BENCHMARKS))
-    try:
-        spec = importlib.util.spec_from_file_location(
-            "light_uncertainty", BENCHMARKS / "light_uncertainty.py"
-        )
-        module = importlib.util.module_from_spec(spec)
-        sys.modules["light_uncertainty"] = module
-        spec.loader.exec_module(module)
-        yield module
-    finally:
-        sys.path.remove(str(BENCHMARKS))
-        sys.modules.pop("light_uncertainty", None)
 
 
 @pytest.mark.slow
@@ -124,7 +105,7 @@ def test_the_covariance_of_a_cone_is_that_of_repeated_fits(benchmark):
 
 def test_the_covariance_of_a_direction_is_that_of_repeated_observations():
     rng = np.random.default_rng(7)
-    outline = Ellipse((100.0, 100.0), (60.0, 60.0))
+    outline = Ellipse.circle(100.0, 100.0, 60.0)
     pixels = np.array([[[100.0, 100.0]], [[130.0, 90.0]], [[88.0, 62.0]]])
     sigma_px = np.array([[0.3], [0.1], [0.4]])
     of_outline = np.diag([0.2, 0.1, 0.15]) ** 2
@@ -150,7 +131,7 @@ def test_the_covariance_of_a_direction_is_that_of_repeated_observations():
 
 def test_errors_that_outlines_share_do_not_average():
     """Two equal spheres halve the variance of own errors, and keep that of the shared one."""
-    outline = Ellipse((100.0, 100.0), (60.0, 60.0))
+    outline = Ellipse.circle(100.0, 100.0, 60.0)
     pixels = np.array([[[130.0, 90.0]]])
     sigma_px = np.full((1, 1), 1e-6)
 
@@ -183,10 +164,10 @@ def test_errors_that_outlines_share_do_not_average():
 
 def test_the_covariance_of_a_circle_includes_correlated_errors():
     rng = np.random.default_rng(9)
-    circle = Ellipse((100.0, 80.0), (127.0, 127.0))
+    circle = Ellipse.circle(100.0, 80.0, 127.0)
     error = gaussian_filter1d(rng.normal(0, 1, 800), 4.0, mode="wrap")
     points = circle.point(TURN, 1 + error / 127.0)
     # Without correlation, the variance of a centre is twice that of the points over their number.
     plain = 2 * error.var() / 800
-    sigma_px = np.sqrt(np.diag(circle_covariance(points, circle)) - 0.03**2)
+    sigma_px = np.sqrt(np.diag(circle_covariance(TracedOutline(circle, points, 1.0))) - 0.03**2)
     assert np.all(sigma_px[:2] > 2 * np.sqrt(plain))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calibration import calibrate_spheres
-from calibration.spheres import fit_ellipse, mask_outlines
+from calibration.spheres import TracedOutline, fit_ellipse, mask_outlines
 from calibration.spheres.outline.outline_noise import outline_covariance
 from calibration.spheres.propose.sphere_marks import masked_spheres, painted_covariance
 from simulator import render, scene_named
@@ -48,12 +48,7 @@ def changed(mask, change):
 
 
 def off_px(image, outline):
-    return np.array(
-        [
-            *np.subtract(image.outline.centre_px, outline.centre_px),
-            image.outline.radius_px - outline.radius_px,
-        ]
-    )
+    return outline.change_to(image.outline)
 
 
 @pytest.mark.parametrize(
@@ -163,8 +158,9 @@ def test_stated_errors_of_painted_masks_contain_the_actual_ones():
         circle = (1.3 * radius, 1.3 * radius, radius)
         (points,) = mask_outlines(painted(kind, circle, rng))
         outline, _ = fit_ellipse(points)
-        off = np.array([*outline.centre_px, outline.radius_px]) - circle
-        found.append(off @ np.linalg.solve(painted_covariance(points, outline), off) / 3)
+        off = np.subtract(outline.circle_px, circle)
+        covariance = painted_covariance(TracedOutline(outline, points, 1.0))
+        found.append(off @ np.linalg.solve(covariance, off) / 3)
     assert 0.6 < np.mean(found) < 1.5
     assert np.mean(np.array(found) > 5.4) < 0.02
 

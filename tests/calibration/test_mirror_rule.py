@@ -1,4 +1,4 @@
-"""Which balls count as mirrors, and what the slopes of the plane add to the errors of a fit."""
+"""Which balls count as mirrors, errors by slopes of the plane, and the mean with the edge."""
 
 from types import SimpleNamespace
 
@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from calibration.spheres.highlights.spots import reduce_stack
-from calibration.spheres.outline.mirror_outline import _MirrorFit
+from calibration.spheres.outline.limb_fit import LimbFit
+from calibration.spheres.outline.mirror_outline import _combined, _MirrorFit
 from calibration.spheres.outline.mirror_search import accepted
 from calibration.spheres.outline.surroundings import Balls, Likeness, MirroredPlane
 
@@ -114,3 +115,35 @@ def test_a_fine_texture_is_no_noise(lights, period_px):
     values = np.array([albedo * one for one in shading]) + rng.normal(0, 0.004, (lights, 120, 160))
     values = values.astype(np.float32)
     assert MirroredPlane(values, reduce_stack(values)).noise == pytest.approx(0.004, rel=0.1)
+
+
+CENTRE, SIZE, MIRROR_PX, EDGE_PX = np.array([100.0, 80.0]), 40.0, 0.04, 0.01
+
+
+def mean_of(off):
+    """Return the error and the covariance of the mean if the edge is off by ``off (3,)``."""
+    ball = Balls(CENTRE[None], np.array([SIZE]))
+    edge = Balls((CENTRE + off[:2])[None], np.array([SIZE + off[2]]))
+    limb = LimbFit(edge, np.eye(3) * EDGE_PX**2, 0.9)
+    mean, covariance = _combined(ball, np.eye(3) * MIRROR_PX**2, limb)
+    return np.append(mean.axes_px[0] - CENTRE, mean.radii_px - SIZE), covariance
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize(
+    ("off_px", "share", "sigma_px"),
+    [
+        pytest.param(0.02, 0.936, 0.0101, id="they agree: the inverse covariances are the weights"),
+        pytest.param(-0.11, 0.936, 0.0101, id="within the usual"),
+        pytest.param(0.2, 0.991, 0.0104, id="they differ: the mirror image counts less"),
+        pytest.param(-0.5, 0.0, MIRROR_PX, id="a contradiction: not the edge of this ball"),
+    ],
+)
+def test_mirror_image_and_edge(axis, off_px, share, sigma_px):
+    off = np.zeros(3)
+    off[axis] = off_px
+    error, covariance = mean_of(off)
+    assert error == pytest.approx(share * off, abs=1e-3)
+    assert np.sqrt(covariance[axis, axis]) == pytest.approx(sigma_px, rel=0.01)
+    others = np.delete(np.arange(3), axis)
+    assert np.all(covariance[others, others] <= MIRROR_PX**2)

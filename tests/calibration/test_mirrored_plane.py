@@ -34,8 +34,8 @@ def test_outlines_on_a_checkerboard(checkered):
     assert [sphere.covariance_px2 is not None for sphere in spheres] == [True, True]
     for sphere, mask in zip(spheres, truth.sphere_masks, strict=True):
         rows, columns = np.nonzero(mask)
-        assert sphere.outline.centre_px == pytest.approx((columns.mean(), rows.mean()), abs=0.3)
-        assert sphere.outline.radius_px == pytest.approx(np.sqrt(mask.sum() / np.pi), abs=0.3)
+        circle = columns.mean(), rows.mean(), np.sqrt(mask.sum() / np.pi)
+        assert sphere.outline.circle_px == pytest.approx(circle, abs=0.3)
 
 
 @pytest.mark.slow

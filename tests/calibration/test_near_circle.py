@@ -58,14 +58,14 @@ def rings(*radii, half=False):
 
 
 def test_a_sharp_ring_has_no_rival():
-    near = outline_near(rings(50.0), Ellipse((82.0, 76.0), (48.0, 48.0)), 5.0)
+    near = outline_near(rings(50.0), Ellipse.circle(82.0, 76.0, 48.0), 5.0)
     assert near.is_sharp
     assert near.outline.centre_px == pytest.approx((80, 78), abs=0.1)
     assert near.outline.radius_px == pytest.approx(50, abs=0.4)
 
 
 def test_half_a_ring_states_its_covariance():
-    near = outline_near(rings(50.0, half=True), Ellipse((82.0, 76.0), (48.0, 48.0)), 5.0)
+    near = outline_near(rings(50.0, half=True), Ellipse.circle(82.0, 76.0, 48.0), 5.0)
     assert near.coverage < 0.6
     change = np.array([*near.outline.centre_px, near.outline.radius_px]) - (80, 78, 50)
     sigma = np.sqrt(np.diag(near.covariance_px2) + 0.03**2)
@@ -76,8 +76,8 @@ def test_half_a_ring_states_its_covariance():
 def test_a_ring_inside_a_ring_may_be_a_mirrored_horizon():
     pictures = rings(60.0, 44.0)
     with pytest.raises(EstimateError, match=r"may be the horizon .* outline at \(80, 78, 60\) px"):
-        outline_near(pictures, Ellipse((80.0, 78.0), (44.0, 44.0)), 4.4)
-    assert outline_near(pictures, Ellipse((80.0, 78.0), (58.0, 58.0)), 5.8).is_sharp
+        outline_near(pictures, Ellipse.circle(80.0, 78.0, 44.0), 4.4)
+    assert outline_near(pictures, Ellipse.circle(80.0, 78.0, 58.0), 5.8).is_sharp
 
 
 @pytest.mark.parametrize(
@@ -97,11 +97,11 @@ def test_the_border_of_what_a_ball_mirrors_is_no_outline(reflectance, inside, bo
     if inside is not None:
         image[distance < 38] = inside
     image = image.astype(np.float32)
-    assert is_mirrored_border(image, Ellipse((80.0, 78.0), (38.0, 38.0))) == border
-    hidden = is_mirrored_border(image, Ellipse((80.0, 78.0), (38.0, 38.0)), mostly_seen=False)
+    assert is_mirrored_border(image, Ellipse.circle(80.0, 78.0, 38.0)) == border
+    hidden = is_mirrored_border(image, Ellipse.circle(80.0, 78.0, 38.0), mostly_seen=False)
     assert hidden == border
     for seen in (True, False):
-        outline = Ellipse((80.0, 78.0), (50.0, 50.0))
+        outline = Ellipse.circle(80.0, 78.0, 50.0)
         assert not is_mirrored_border(image, outline, mostly_seen=seen)
 
 
@@ -142,4 +142,4 @@ def test_a_small_edge_inside_a_small_ball_is_a_border():
     distance = np.hypot(columns - 30, rows - 30)
     image = np.where(distance < 12, 0.6 * wall, wall)
     image[distance < 9] = 0.05
-    assert is_mirrored_border(image.astype(np.float32), Ellipse((30.0, 30.0), (9.0, 9.0)))
+    assert is_mirrored_border(image.astype(np.float32), Ellipse.circle(30.0, 30.0, 9.0))

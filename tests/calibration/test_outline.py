@@ -48,8 +48,7 @@ def test_ellipse_withstands_a_fifth_of_outliers():
 def test_circle_from_an_arc():
     points = on_ellipse(253, 147, 119, 119, 0, np.linspace(2.6, 6.6, 300))
     circle, _ = fit_circle(points)
-    assert circle.centre_px == pytest.approx((253, 147), abs=1e-6)
-    assert circle.radius_px == pytest.approx(119, abs=1e-6)
+    assert circle.circle_px == pytest.approx((253, 147, 119), abs=1e-6)
 
 
 @pytest.mark.parametrize("centre", [(0, 0, 20), (90, -70, 15), (-120, 95, 10)])
@@ -120,8 +119,7 @@ def test_mask_outline(binary, tolerance):
     mask = disc(90, 110, 52.3, 41.7, 30.4)
     (points,) = mask_outlines(mask > 0.5 if binary else mask)
     ellipse, _ = fit_ellipse(points)
-    assert ellipse.centre_px == pytest.approx((52.3, 41.7), abs=tolerance)
-    assert ellipse.radius_px == pytest.approx(30.4, abs=tolerance)
+    assert ellipse.circle_px == pytest.approx((52.3, 41.7, 30.4), abs=tolerance)
 
 
 def test_mask_regions_are_separate_and_specks_dropped():
@@ -136,8 +134,7 @@ def test_a_sphere_cut_off_by_the_frame_keeps_its_circle():
     mask = disc(80, 100, 10.0, 40.0, 25.0)
     (points,) = mask_outlines(mask)
     circle, _ = fit_circle(points)
-    assert circle.centre_px == pytest.approx((10, 40), abs=0.02)
-    assert circle.radius_px == pytest.approx(25, abs=0.02)
+    assert circle.circle_px == pytest.approx((10, 40, 25), abs=0.02)
 
 
 @pytest.mark.parametrize("true_offset", [-0.35, -0.1, 0.0, 0.15, 0.35])
@@ -176,16 +173,13 @@ def test_refined_outline_of_a_disc(inside, outside):
     rng = np.random.default_rng(5)
     cover = disc(160, 180, 88.37, 79.61, 47.2)
     image = (outside + (inside - outside) * cover + rng.normal(0, 0.004, cover.shape)) + 0.2
-    ellipse, _, coverage = refine_outline(
-        image.astype(np.float32), Ellipse((90.0, 78.0), (45.0, 45.0)), 6.0
-    )
-    assert coverage > 0.95
-    assert ellipse.centre_px == pytest.approx((88.37, 79.61), abs=0.03)
-    assert ellipse.radius_px == pytest.approx(47.2, abs=0.03)
+    found = refine_outline(image.astype(np.float32), Ellipse.circle(90, 78, 45), 6.0)
+    assert found.coverage > 0.95
+    assert found.outline.circle_px == pytest.approx((88.37, 79.61, 47.2), abs=0.03)
 
 
 def test_no_outline_is_an_estimate_error():
     image = np.random.default_rng(2).normal(1, 1e-6, (80, 80)).astype(np.float32)
     image[:] = 1.0
     with pytest.raises(EstimateError, match=r"no sphere outline at \(40, 40\) px"):
-        refine_outline(image, Ellipse((40.0, 40.0), (20.0, 20.0)), 4.0)
+        refine_outline(image, Ellipse.circle(40.0, 40.0, 20.0), 4.0)

@@ -132,14 +132,12 @@ def target(shape, centre, *steps):
 
 @pytest.mark.parametrize(("radius", "count"), [(5.0, 90), (20.0, 125), (100.0, 628), (1000.0, 720)])
 def test_one_radius_per_pixel(radius, count):
-    angles, offsets, seen = _steepest(np.ones((60, 60), np.float32), at(30, 30, radius), 4.0)
+    angles, offsets, seen = _steepest(
+        np.ones((60, 60), np.float32), Ellipse.circle(30, 30, radius), 4.0
+    )
     assert len(angles) == len(offsets) == len(seen) == count
     np.testing.assert_allclose(angles, np.linspace(0, 2 * np.pi, count + 1)[:-1])
     assert not seen.any()
-
-
-def at(x, y, radius):
-    return Ellipse((float(x), float(y)), (float(radius), float(radius)))
 
 
 @pytest.mark.parametrize("ratio", [3.0, 0.3], ids=["bright", "dark"])
@@ -147,11 +145,11 @@ def at(x, y, radius):
 def test_the_steepest_step_is_where_the_outline_is(radius, ratio):
     """A stronger step 10 px away is out of reach."""
     image = target((120, 140), (70, 60), (40.0, ratio), (50.0, 0.1))
-    _, offsets, seen = _steepest(image, at(70, 60, radius), 4.5)
+    _, offsets, seen = _steepest(image, Ellipse.circle(70, 60, radius), 4.5)
     assert seen.all()
     assert np.abs(offsets - (40 - radius)).max() < 0.8
     assert np.mean(offsets) == pytest.approx(40 - radius, abs=0.4)
-    _, offsets, _ = _steepest(image, at(70, 60, radius), 1.0)
+    _, offsets, _ = _steepest(image, Ellipse.circle(70, 60, radius), 1.0)
     assert np.abs(offsets).max() <= 1.0
 
 
@@ -164,7 +162,9 @@ def test_a_step_has_four_times_the_usual_contrast(step, seen):
     distance = np.hypot(columns - 70, rows - 60)
     step = step * np.clip(distance - 39.5, 0, 1)
     image = np.exp(0.01 * distance + step).astype(np.float32)
-    assert np.mean(_steepest(image, at(70, 60, 40), 4.0)[2]) == pytest.approx(float(seen), abs=0.1)
+    assert np.mean(_steepest(image, Ellipse.circle(70, 60, 40), 4.0)[2]) == pytest.approx(
+        float(seen), abs=0.1
+    )
 
 
 @pytest.mark.parametrize(
@@ -173,7 +173,7 @@ def test_a_step_has_four_times_the_usual_contrast(step, seen):
 )
 def test_steps_within_2_5_px_of_the_frame_do_not_count(shape, centre):
     image = target(shape, centre, (44.0, 3.0))
-    angles, _, seen = _steepest(image, at(*centre, 42), 3.0)
+    angles, _, seen = _steepest(image, Ellipse.circle(*centre, 42), 3.0)
     place = centre + 44 * np.column_stack([np.cos(angles), np.sin(angles)])
     room = np.minimum(place, np.array(shape[::-1]) - 1 - place).min(axis=1)
     assert seen[room > 3.1].all()
@@ -184,19 +184,18 @@ def test_steps_within_2_5_px_of_the_frame_do_not_count(shape, centre):
 
 def test_twelve_points_are_required():
     angles = np.arange(12) / 4
-    circle, points, coverage = _fit(at(30, 30, 20), angles, np.full(12, 2.0), 48, None)
-    assert circle.centre_px == pytest.approx((30, 30))
-    assert circle.radius_px == pytest.approx(22)
-    assert (len(points), coverage) == (12, 0.25)
+    found = _fit(Ellipse.circle(30, 30, 20), angles, np.full(12, 2.0), 48, None)
+    assert found.outline.circle_px == pytest.approx((30, 30, 22))
+    assert (len(found.points_px), found.coverage) == (12, 0.25)
     with pytest.raises(EstimateError, match=r"no sphere outline at \(30, 30\) px"):
-        _fit(at(30, 30, 20), angles[1:], np.full(11, 2.0), 48, None)
+        _fit(Ellipse.circle(30, 30, 20), angles[1:], np.full(11, 2.0), 48, None)
 
 
 @pytest.mark.parametrize(("visible", "axes"), [(36, 1), (37, 2)])
 def test_more_than_three_quarters_of_the_outline_determine_an_ellipse(visible, axes):
     angles = np.arange(visible) * 2 * np.pi / 48
     flat = Ellipse((30.0, 30.0), (20.5, 20.0))
-    ellipse, _, _ = _fit(flat, angles, np.zeros(visible), 48, None)
+    ellipse = _fit(flat, angles, np.zeros(visible), 48, None).outline
     assert len(set(ellipse.semi_axes_px)) == axes
 
 
@@ -204,24 +203,29 @@ def test_a_completely_visible_outline_is_an_ellipse():
     rows, columns = np.mgrid[:120, :140]
     distance = np.hypot((columns - 70.2) / 45, (rows - 60.4) / 40)
     image = cv2.GaussianBlur(np.where(distance < 1, 0.3, 1.0), (0, 0), 0.6).astype(np.float32)
-    ellipse, points, coverage = refine_outline(image, at(70, 60, 42), 6.0)
-    assert sorted(ellipse.semi_axes_px) == pytest.approx([40, 45], abs=0.2)
-    assert ellipse.centre_px == pytest.approx((70.2, 60.4), abs=0.1)
-    assert coverage > 0.95
-    assert np.abs(ellipse.distance_px(points)).max() < 1
+    found = refine_outline(image, Ellipse.circle(70, 60, 42), 6.0)
+    assert sorted(found.outline.semi_axes_px) == pytest.approx([40, 45], abs=0.2)
+    assert found.outline.centre_px == pytest.approx((70.2, 60.4), abs=0.1)
+    assert found.coverage > 0.95
+    assert np.abs(found.outline.distance_px(found.points_px)).max() < 1
 
 
 @pytest.mark.parametrize(
     ("scatter_px", "rivals", "exact"),
     [
         pytest.param(0.0, [], True, id="without rivals"),
-        pytest.param(0.0, [at(70, 60, 48)], True, id="sharp"),
-        pytest.param(0.0, [at(70, 60, 45)], True, id="sharp, the same as a rival"),
-        pytest.param(0.6, [at(70, 60, 48)], True, id="may be sharp"),
-        pytest.param(0.6, [at(70, 60, 48), at(70, 60, 45)], False, id="the same as a rival"),
-        pytest.param(1.6, [at(70, 60, 48)], False, id="rough"),
+        pytest.param(0.0, [Ellipse.circle(70, 60, 48)], True, id="sharp"),
+        pytest.param(0.0, [Ellipse.circle(70, 60, 45)], True, id="sharp, the same as a rival"),
+        pytest.param(0.6, [Ellipse.circle(70, 60, 48)], True, id="may be sharp"),
+        pytest.param(
+            0.6,
+            [Ellipse.circle(70, 60, 48), Ellipse.circle(70, 60, 45)],
+            False,
+            id="the same as a rival",
+        ),
+        pytest.param(1.6, [Ellipse.circle(70, 60, 48)], False, id="rough"),
         pytest.param(1.6, [], True, id="rough, without rivals"),
-        pytest.param(6.0, [at(70, 60, 48)], False, id="rough from the start"),
+        pytest.param(6.0, [Ellipse.circle(70, 60, 48)], False, id="rough from the start"),
     ],
 )
 def test_an_outline_that_cannot_replace_its_rivals_is_not_fitted_exactly(
@@ -241,7 +245,9 @@ def test_an_outline_that_cannot_replace_its_rivals_is_not_fitted_exactly(
         ),
     )
     monkeypatch.setattr(outline, "_refine_edges", lambda _image, _guess: "exact")
-    found = refine_outline(np.zeros((120, 140), np.float32), at(70, 60, 44), 5.0, rivals)
+    found = refine_outline(
+        np.zeros((120, 140), np.float32), Ellipse.circle(70, 60, 44), 5.0, rivals
+    )
     assert (found == "exact") == exact
 
 
@@ -252,9 +258,10 @@ def test_the_coverage_is_the_visible_share_of_the_outline(hidden_px, share):
     """An object hides the left part of the disc, up to 1 - cos(share of a circle)."""
     image = target((120, 140), (70, 60), (45.0, 0.3))
     image[:, : 70 - 45 + hidden_px] = 0.6
-    ellipse, points, coverage = refine_outline(image, at(71, 61, 44), 5.0)
+    found = refine_outline(image, Ellipse.circle(71, 61, 44), 5.0)
+    ellipse, coverage = found.outline, found.coverage
     assert coverage == pytest.approx(share, abs=0.08)
     assert ellipse.centre_px == pytest.approx((70, 60), abs=0.25)
     assert ellipse.semi_axes_px == pytest.approx((45, 45), abs=0.25)
-    assert len(points) == pytest.approx(coverage * 2 * np.pi * 45, rel=0.02)
+    assert len(found.points_px) == pytest.approx(coverage * 2 * np.pi * 45, rel=0.02)
     assert (ellipse.semi_axes_px[0] == ellipse.semi_axes_px[1]) == (share < 0.75)

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from acquisition import SRGB, Lights, read_source, write_png
-from calibration import EstimateError, RawStack, calibrate_spheres, linear_stack, raw_stack
+from calibration import EstimateError, calibrate_spheres, linear_stack, open_stack, raw_stack
+from calibration.radiance import LazyValues
 from calibration.spheres import sphere_candidates
 from sgp.app import build, run
 from simulator import render, scene_named
@@ -42,19 +43,22 @@ def grey(tmp_path):
 def test_its_parts_are_those_of_the_linear_stack(grey, key, transfer):
     source = read_source(grey, transfer=SRGB if transfer == "srgb" else None)
     whole = linear_stack(source).values
-    part = raw_stack(source)[key]
-    assert part.dtype == np.float32
-    np.testing.assert_array_equal(part, whole[key])
+    with open_stack(source) as opened:
+        for stack in (raw_stack(source), opened):
+            part = stack.values[key]
+            assert part.dtype == np.float32
+            np.testing.assert_array_equal(part, whole[key])
 
 
 def test_some_of_the_lights_are_a_stack(grey):
     source = read_source(grey, lights=Lights(np.eye(3)[[0, 1, 2, 0, 1]] + 1, None, range(1, 6)))
     whole, stack = linear_stack(source), raw_stack(source)
-    some = stack[[4, 0]]
-    assert isinstance(some, RawStack)
-    assert (some.ids, some.shape, len(some)) == (("L04", "L00"), (2, *SIZE), 2)
-    np.testing.assert_array_equal(some[:, 0:3], whole.values[[4, 0], 0:3])
-    assert len(stack[::2]) == 3
+    some = stack.take([4, 0])
+    assert isinstance(some.values, LazyValues)
+    assert (some.ids, some.values.shape, len(some.values)) == (("L04", "L00"), (2, *SIZE), 2)
+    assert some.peaks == (stack.peaks[4], stack.peaks[0])
+    np.testing.assert_array_equal(some.values[:, 0:3], whole.values[[4, 0], 0:3])
+    assert len(stack.values[::2]) == 3
     brightest = np.nan_to_num(np.maximum.reduce(whole.values), nan=1.0)
     assert np.count_nonzero(brightest == 1) > 100
     np.testing.assert_array_equal(stack.brightest, brightest)
@@ -76,7 +80,7 @@ def test_other_frames_have_the_same_values(tmp_path, kind):
             cv2.imwrite(str(tmp_path / f"L{i}.png"), pixels)
         source = read_source(tmp_path, transfer=SRGB)
     whole, stack = linear_stack(source), raw_stack(source)
-    np.testing.assert_array_equal(stack[:, 5:40, 11:50], whole.values[:, 5:40, 11:50])
+    np.testing.assert_array_equal(stack.values[:, 5:40, 11:50], whole.values[:, 5:40, 11:50])
     assert stack.ids == whole.ids
     assert stack.warnings == whole.warnings
 

@@ -23,7 +23,7 @@ def test_orthographic_mirror_law_on_square_and_oblong_pixels(x, y, ratio, radius
 
 
 def test_a_highlight_gives_the_light_direction_and_not_the_normal():
-    outline = Ellipse((10.0, 10.0), (8.0, 8.0))
+    outline = Ellipse.circle(10.0, 10.0, 8.0)
     assert orthographic_directions(outline, (10.0, 10.0)) == pytest.approx([0, 0, 1])
     # If the normal is at 45 degrees, the light is at 90 degrees.
     edge = 10 + 8 * np.sqrt(0.5)
@@ -31,7 +31,7 @@ def test_a_highlight_gives_the_light_direction_and_not_the_normal():
 
 
 def test_highlight_outside_is_nan():
-    assert np.isnan(orthographic_directions(Ellipse((0.0, 0.0), (5.0, 5.0)), (6.0, 0.0))).all()
+    assert np.isnan(orthographic_directions(Ellipse.circle(0.0, 0.0, 5.0), (6.0, 0.0))).all()
 
 
 @settings(max_examples=40, deadline=None)

@@ -131,10 +131,10 @@ def test_an_arc_of_another_radius_does_not_affect_the_outline(fit, off_px):
 @pytest.mark.parametrize(("fit", "least"), [(fit_circle, 3), (fit_ellipse, 5)])
 def test_the_smallest_number_of_points(fit, least):
     points = arc(60, 0, 5.5, 40)
-    outline, _ = fit(points[::8][:least], Ellipse((100.0, 80.0), (60.0, 60.0)))
+    outline, _ = fit(points[::8][:least], Ellipse.circle(100.0, 80.0, 60.0))
     assert outline.radius_px == pytest.approx(60, abs=1e-6)
     with pytest.raises(EstimateError, match=f"^{least - 1} outline points do not determine a"):
-        fit(points[::8][: least - 1], Ellipse((100.0, 80.0), (60.0, 60.0)))
+        fit(points[::8][: least - 1], Ellipse.circle(100.0, 80.0, 60.0))
     # Without a start value, samples of 8 points are fitted.
     fit(points[:8])
     with pytest.raises(EstimateError, match="7 outline points do not determine an outline"):

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from acquisition import DataError
+from acquisition import DataError, angle_deg
 from calibration import EstimateError, Stack, calibrate_spheres
 from calibration.spheres import Ellipse, Highlights, SphereImage, recording
 from calibration.spheres import position_calibration as positioned_lights
 from calibration.spheres.solve.sphere_calibration import rms_deg
 from rig import Notice
-from tests.calibration.conftest import Bench, dome
+from tests.calibration.conftest import Bench, codes, dome
 
 BENCH = Bench(focal_px=1200.0, width=420, height=330)
 TWO = [((-80.0, 0.0, 20.0), 20.0), ((80.0, 0.0, 20.0), 20.0)]
@@ -46,7 +46,7 @@ def seen(sphere, lights, noise_px=0.0, seed=0):
     pixels = np.array([BENCH.highlight(*sphere, light) for light in lights])
     pixels += np.random.default_rng(seed).normal(0, noise_px, pixels.shape)
     highlights = Highlights(pixels, np.zeros(len(lights), bool), np.full(len(lights), 0.05))
-    return SphereImage(Ellipse((x, y), (radius, radius)), outline_px, 1.0, highlights)
+    return SphereImage(Ellipse.circle(x, y, radius), outline_px, 1.0, highlights)
 
 
 def moved(image, count, shift_px):
@@ -64,21 +64,12 @@ def calibrated(monkeypatch, images, *, found=False, left_out=(), **options):
     return calibrate_spheres(values, masks=None if found else MARK, **options)
 
 
-def codes(result):
-    return [notice.code for notice in result.warnings]
-
-
-def angles_deg(a, b):
-    cross = np.linalg.norm(np.cross(a, b), axis=-1)
-    return np.degrees(np.arctan2(cross, np.sum(a * b, axis=-1)))
-
-
 @pytest.mark.parametrize("spheres", [TWO[:1], TWO, FOUR], ids=["one", "two", "four"])
 def test_distant_lights_have_the_same_direction_on_all_spheres(monkeypatch, spheres):
     lights = LIGHTS * 1e5
     images = [seen(sphere, lights) for sphere in spheres]
     result = calibrated(monkeypatch, images, camera=BENCH.camera)
-    assert angles_deg(result.lights.unit_directions, LIGHTS).max() < 0.001
+    assert angle_deg(result.lights.unit_directions, LIGHTS).max() < 0.001
     assert result.warnings == ()
     assert result.used.shape == (10, len(spheres))
     assert result.used.all()
@@ -96,7 +87,7 @@ def test_a_direction_from_one_of_two_spheres_has_no_residual(monkeypatch):
     result = calibrated(monkeypatch, [first, second], camera=BENCH.camera)
     assert np.flatnonzero(np.isnan(result.residuals_deg)).tolist() == [3]
     assert np.argwhere(~result.used).tolist() == [[3, 1]]
-    assert angles_deg(result.lights.unit_directions, LIGHTS).max() < 0.001
+    assert angle_deg(result.lights.unit_directions, LIGHTS).max() < 0.001
 
 
 @pytest.mark.parametrize(("height_mm", "near"), [(1300.0, True), (2000.0, False)])
@@ -117,7 +108,7 @@ def test_an_orthographic_view_without_a_camera(monkeypatch):
     """A highlight half-way to the rim shows a light at 60 degrees."""
     x = y = np.zeros(3)
     pixels = np.array([[100.0, 100], [120, 100], [100, 80]])
-    outline = Ellipse((100.0, 100.0), (40.0, 40.0))
+    outline = Ellipse.circle(100.0, 100.0, 40.0)
     image = SphereImage(
         outline,
         outline.point(np.arange(6.0)),
@@ -158,7 +149,7 @@ def test_exact_highlights_give_exact_positions(monkeypatch, spheres):
     radii = [radius for _, radius in spheres]
     result = calibrated(monkeypatch, images, camera=BENCH.camera, radius_mm=radii)
     assert np.linalg.norm(result.lights.positions_mm - LIGHTS, axis=1).max() < 0.01
-    assert angles_deg(result.lights.unit_directions, LIGHTS).max() < 0.001
+    assert angle_deg(result.lights.unit_directions, LIGHTS).max() < 0.001
     np.testing.assert_allclose(
         [sphere.centre_mm for sphere in result.spheres], [c for c, _ in spheres], atol=1e-3
     )
@@ -171,7 +162,7 @@ def test_one_sphere_of_known_radius_gives_directions_and_its_position(monkeypatc
     image = seen(TWO[0], LIGHTS * 1e5)
     result = calibrated(monkeypatch, [image], camera=BENCH.camera, radius_mm=20.0)
     assert codes(result) == ["one-sphere"]
-    assert angles_deg(result.lights.unit_directions, LIGHTS).max() < 0.001
+    assert angle_deg(result.lights.unit_directions, LIGHTS).max() < 0.001
     assert result.spheres[0].centre_mm == pytest.approx(TWO[0][0], abs=1e-3)
     notice = Notice("sphere-blurred", "another sphere was left out")
     with pytest.raises(EstimateError, match="another sphere was left out; positions require two"):

@@ -20,7 +20,7 @@ VALUES = np.zeros((3, 120, 160), np.float32)
 
 @pytest.mark.parametrize(("points", "share"), [(200, 0.5), (396, 0.99), (400, 1.0), (800, 1.0)])
 def test_a_circle_crosses_eight_rows_and_columns_per_pixel_of_its_radius(points, share):
-    outline = Ellipse((0.0, 0.0), (50.0, 50.0))
+    outline = Ellipse.circle(0.0, 0.0, 50.0)
     assert _coverage(outline, np.zeros((points, 2))) == pytest.approx(share)
 
 
@@ -114,7 +114,7 @@ def test_a_circle_may_be_wrong_by_a_tenth_of_the_radius(monkeypatch, radius, rea
 
     def refine(images, guess, reach):
         assert images.upper.shape == VALUES.shape[1:]
-        assert guess == Ellipse((70.0, 55.0), (radius, radius))
+        assert guess == Ellipse.circle(70.0, 55.0, radius)
         assert reach == pytest.approx(reach_px)
         return NearOutline(outline, np.zeros((5, 2)), 0.8, None)
 
@@ -140,7 +140,7 @@ def test_a_sphere_counts_once(monkeypatch, other, same):
         np.full((len(VALUES), 2), 60.0), np.zeros(len(VALUES), bool), np.full(len(VALUES), 0.05)
     )
     images = [
-        SphereImage(Ellipse((x, y), (radius, radius)), np.full((9, 2), x), 1.0, highlights)
+        SphereImage(Ellipse.circle(x, y, radius), np.full((9, 2), x), 1.0, highlights)
         for x, y, radius in ((50.0, 60.0, 30.0), other)
     ]
     monkeypatch.setattr(recording, "circled_spheres", lambda *_: images)
@@ -156,7 +156,7 @@ def test_a_sphere_counts_once(monkeypatch, other, same):
 def test_an_uneven_outline_is_a_warning_and_not_left_out(monkeypatch):
     """One sphere that is left out refuses positions; one that is only uneven gives directions."""
     angles = np.linspace(0, 2 * np.pi, 60)
-    circle = Ellipse((70.0, 55.0), (30.0, 30.0))
+    circle = Ellipse.circle(70.0, 55.0, 30.0)
     points = circle.point(angles, 1 + 0.05 * np.sin(20 * angles))
     highlights = Highlights(
         np.full((len(VALUES), 2), 60.0), np.zeros(len(VALUES), bool), np.full(len(VALUES), 0.05)
@@ -165,4 +165,4 @@ def test_an_uneven_outline_is_a_warning_and_not_left_out(monkeypatch):
     monkeypatch.setattr(recording, "circled_spheres", lambda *_: [image])
     seen = recording.seen_in(VALUES, None, [(70, 55, 30)], None, None)
     assert seen.left_out == []
-    assert [notice.code for notice in seen.warnings()] == ["outline-uneven"]
+    assert [notice.code for notice in seen.doubts] == ["outline-uneven"]

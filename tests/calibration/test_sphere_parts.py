@@ -7,7 +7,7 @@ import pytest
 
 from acquisition import DataError
 from calibration import EstimateError, Stack, calibrate_spheres, find_spheres
-from calibration.spheres import Ellipse, Highlights, SphereImage, fit_cone
+from calibration.spheres import Ellipse, Highlights, KnownSpheres, SphereImage, fit_cone
 from calibration.spheres.outline.sphere_image import (
     missing_highlights_warning,
     partial_outline_warning,
@@ -15,7 +15,7 @@ from calibration.spheres.outline.sphere_image import (
     saturation_warning,
 )
 from calibration.spheres.propose.sphere_marks import circled_spheres, masked_spheres
-from calibration.spheres.solve.sphere_calibration import placed_spheres, seen_spheres
+from calibration.spheres.solve.sphere_calibration import SeenTogether
 from calibration.spheres.solve.sphere_positions import one_radius_each, place
 from tests.calibration.conftest import Bench, dome
 from tests.quick_sample import quick
@@ -26,7 +26,7 @@ LIGHTS = dome(14)
 
 
 def image_of(x=10.0, y=20.0, radius=30.0, *, found=5, saturated=0, scatter=0.0):
-    outline = Ellipse((x, y), (radius, radius))
+    outline = Ellipse.circle(x, y, radius)
     angles = np.linspace(0, 6, 50)
     offsets = scatter * np.where(np.arange(50) % 2, 1, -1)
     pixels = np.full((5, 2), np.nan)
@@ -60,10 +60,12 @@ def test_a_frame_that_cuts_off_a_sphere_is_the_reason(coverage, cut):
 def test_a_sphere_from_its_image():
     image = image_of(scatter=0.2)
     assert image.rms_px == pytest.approx(1.4826 * 0.2, rel=0.02)
-    (sphere,) = seen_spheres([image])
+    shown = SeenTogether(("L00",), np.zeros((1, 3)), [image], [1], ("", "b"), [True])
+    (sphere,) = shown.spheres()
     assert (sphere.outline, sphere.coverage, sphere.rms_px) == (image.outline, 0.75, image.rms_px)
-    assert (sphere.centre_mm, sphere.radius_mm) == (None, None)
-    (placed,) = placed_spheres([image], np.array([[1.0, 2.0, 3.0]]), np.array([4.0]))
+    assert (sphere.centre_mm, sphere.radius_mm, sphere.recording) == (None, None, 1)
+    at = KnownSpheres(np.array([[1.0, 2.0, 3.0]]), np.array([4.0]), np.eye(3))
+    (placed,) = shown.spheres(at)
     assert (placed.centre_mm, placed.radius_mm) == ((1.0, 2.0, 3.0), 4.0)
     assert replace(placed, centre_mm=None, radius_mm=None) == sphere
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from calibration import EstimateError
-from calibration.spheres import Ellipse, Highlights
+from calibration.spheres import Ellipse, Highlights, TracedOutline
 from calibration.spheres.highlights.spots import reduce_stack, spot_clusters
 from calibration.spheres.propose import edge_search
 from calibration.spheres.propose import sphere_selection as search
@@ -27,7 +27,7 @@ from tests.calibration.test_sphere_parts import SMALL, image_of
 
 @pytest.mark.parametrize(("apart", "over"), [(29.9, True), (30.1, False)])
 def test_circles_overlap_if_one_contains_the_centre_of_the_other(apart, over):
-    large = Ellipse((100.0, 50.0), (30.0, 30.0))
+    large = Ellipse.circle(100.0, 50.0, 30.0)
     for dx, dy in ((apart, 0), (0, apart), (-0.6 * apart, 0.8 * apart)):
         small = Ellipse((100.0 + dx, 50.0 + dy), (5.0, 5.0))
         assert overlap(large, small) == overlap(small, large) == over
@@ -236,17 +236,15 @@ def confirm_all(monkeypatch, candidates):
     examined = []
 
     def edge(_pictures, circle, _rivals):
-        found = candidates[circle]
-        return None if found is None else (found.outline, found.points_px, found.coverage)
+        return candidates[circle]
 
     def has_highlights(_values, circle):
         examined.append(circle)
         return True
 
-    by_outline = {one.outline: one for one in candidates.values() if one is not None}
     monkeypatch.setattr(edge_search, "_refined", edge)
     monkeypatch.setattr(edge_search, "_has_highlights", has_highlights)
-    monkeypatch.setattr(edge_search, "mirroring", lambda _values, outline, *_: by_outline[outline])
+    monkeypatch.setattr(edge_search, "mirroring", lambda _values, sphere: sphere)
     return examined
 
 
@@ -344,14 +342,14 @@ def test_a_candidate_is_a_sphere(monkeypatch, changes, is_sphere):
         assert reach_px == pytest.approx(max(3.0, 0.03 * guess.radius_px))
         if not options["outline"]:
             raise EstimateError("no outline")
-        return outline, np.zeros((5, 2)), options["coverage"]
+        return TracedOutline(outline, np.zeros((5, 2)), options["coverage"])
 
     monkeypatch.setattr(edge_search, "find_highlights", highlights)
     monkeypatch.setattr(edge_search, "refine_sharpest", refine)
     values = np.zeros((options["lights"], 20, 20), np.float32)
     guess = at(50, 50, options["guess"])
     edge = _refined(values[0], guess)
-    sphere = mirroring(values, *edge) if edge and _has_highlights(values, guess) else None
+    sphere = mirroring(values, edge) if edge and _has_highlights(values, guess) else None
     assert (sphere is not None) == is_sphere
     if is_sphere:
         assert (sphere.outline, sphere.coverage) == (outline, options["coverage"])

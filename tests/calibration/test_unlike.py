@@ -98,7 +98,7 @@ def ball(last=(40, 0.8)):
 
 def lights_of(values):
     """Return the lights that the highlights on the ball give; that of L06 has another size."""
-    outline = Ellipse((60.0, 60.0), (50.0, 50.0))
+    outline = Ellipse.circle(60.0, 60.0, 50.0)
     highlights = find_highlights(values, outline)
     assert list(highlights.unlike) == [6]
     sphere = SphereImage(outline, outline.point(np.arange(6.0)), 1.0, highlights, np.eye(3) * 0.01)
@@ -132,7 +132,7 @@ def test_angular_reflections_of_many_sizes_are_refused():
         values[k, 50 : 52 + k // 2, x : x + size] = 2
         values[k] = cv2.GaussianBlur(values[k], (0, 0), 0.6)
     values = np.where(values >= 1, np.nan, values).astype(np.float32)
-    outline = Ellipse((60.0, 60.0), (50.0, 50.0))
+    outline = Ellipse.circle(60.0, 60.0, 50.0)
     highlights = find_highlights(values, outline)
     sphere = SphereImage(outline, outline.point(np.arange(6.0)), 1.0, highlights, np.eye(3) * 0.01)
     names = tuple(f"L{k:02d}" for k in range(LIGHTS))
@@ -149,7 +149,7 @@ def test_of_several_spots_the_one_of_the_usual_size_is_the_highlight():
         off = np.hypot(columns - 65, (rows - 80) / 1.6)
         values[k] += 40 * np.exp(-0.5 * (off / wide) ** 2)
     values = np.where(values >= 1, np.nan, values).astype(np.float32)
-    found = find_highlights(values, Ellipse((60.0, 60.0), (50.0, 50.0)))
+    found = find_highlights(values, Ellipse.circle(60.0, 60.0, 50.0))
     places = np.column_stack([40 + 7.0 * np.arange(LIGHTS), np.full(LIGHTS, 50.0)])
     np.testing.assert_allclose(found.pixels, places, atol=0.1)
     assert not found.ambiguous.any()
@@ -157,7 +157,7 @@ def test_of_several_spots_the_one_of_the_usual_size_is_the_highlight():
 
 
 def near(radius_px, support, x=50.0):
-    outline = Ellipse((x, 50.0), (radius_px, radius_px))
+    outline = Ellipse.circle(x, 50.0, radius_px)
     return JointNear(outline, np.zeros((0, 2)), support, support, 0.8, np.eye(3) * 0.01)
 
 
@@ -185,7 +185,7 @@ def test_a_lone_ball_states_how_far_mirror_image_and_edges_differ():
     inside = np.clip(40.5 - np.hypot(columns - 60, rows - 60), 0, 1)
     values = (0.3 - 0.25 * np.repeat(inside[None], 4, axis=0)).astype(np.float32)
     values += np.random.default_rng(0).normal(size=values.shape).astype(np.float32) * 0.002
-    wrong = Ellipse((60.0, 61.5), (41.0, 41.0))
+    wrong = Ellipse.circle(60.0, 61.5, 41.0)
     highlights = find_highlights(values, wrong)
     lone = SphereImage(wrong, wrong.point(np.arange(6.0)), 1.0, highlights, np.eye(3) * 1.0)
     (stated,) = confirmed(values, [lone])
@@ -194,8 +194,8 @@ def test_a_lone_ball_states_how_far_mirror_image_and_edges_differ():
     assert confirmed(values, [lone, lone]) == [lone, lone]
     sure = replace(lone, on_plane=True)
     assert confirmed(values, [sure]) == [sure]
-    assert edges_support(values, Ellipse((60.0, 60.0), (40.5, 40.5)))
-    assert not edges_support(values, Ellipse((60.0, 60.0), (46.0, 46.0)))
+    assert edges_support(values, Ellipse.circle(60.0, 60.0, 40.5))
+    assert not edges_support(values, Ellipse.circle(60.0, 60.0, 46.0))
 
 
 @pytest.mark.parametrize(

@@ -98,8 +98,19 @@ def fit_cone(rays: Float64, pixel_angle: float) -> tuple[Cone, Float64]:
     residual = unit @ v - 1
     variance = np.sum(weights * residual**2) / max(np.sum(weights) - 3, 1.0)
     finest = FINEST_PX * pixel_angle * np.sqrt(length**2 - 1)
-    of_v = max(variance, finest**2) * np.linalg.inv((unit * weights[:, None]).T @ unit)
+    covariance = centre_covariance(unit, weights, v, max(variance, finest**2), length**2)
+    return Cone(axis, sine, covariance), weights
+
+
+def centre_covariance(
+    unit: Float64, weights: Float64, v: Float64, variance: float, square: float
+) -> Float64:
+    """Return the covariance of a sphere's centre in radii from unit rays that touch it.
+
+    The variance is that of ``r . v``; ``square`` is that of v.
+    """
+    of_v = variance * np.linalg.inv((unit * weights[:, None]).T @ unit)
     # The derivative of u = v / sqrt(|v|^2 - 1) transforms the covariance of v to that of u.
-    root = np.sqrt(length**2 - 1)
+    root = np.sqrt(square - 1)
     slope = np.eye(3) / root - np.outer(v, v) / root**3
-    return Cone(axis, sine, slope @ of_v @ slope.T), weights
+    return np.asarray(slope @ of_v @ slope.T)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import cv2
@@ -44,6 +44,16 @@ class Ellipse:
 
     __repr__ = short_repr
 
+    @classmethod
+    def circle(cls, x: float, y: float, radius: float) -> Ellipse:
+        """Return a circle."""
+        return cls((float(x), float(y)), (float(radius), float(radius)))
+
+    @property
+    def circle_px(self) -> tuple[float, float, float]:
+        """Centre x, centre y, and radius of the circle of equal area."""
+        return (*self.centre_px, self.radius_px)
+
     @property
     def radius_px(self) -> float:
         """Radius of the circle of equal area."""
@@ -69,6 +79,20 @@ class Ellipse:
         scale = 1 + float(change[2]) / self.radius_px
         centre = (x + float(change[0]), y + float(change[1]))
         return Ellipse(centre, (a * scale, b * scale), self.angle_deg)
+
+    def change_to(self, other: Ellipse) -> Float64:
+        """Return the change to another ellipse in centre x, centre y and radius."""
+        return np.subtract(other.circle_px, self.circle_px)
+
+    def apart_px(self, other: Ellipse) -> float:
+        """Return the distance of both centres."""
+        return float(np.hypot(*np.subtract(other.centre_px, self.centre_px)))
+
+    def scaled(self, by: float, start: Float64) -> Ellipse:
+        """Return the ellipse after the pixels are multiplied by a factor, and then shifted."""
+        (x, y), (a, b) = self.centre_px, self.semi_axes_px
+        centre = (x * by + float(start[0]), y * by + float(start[1]))
+        return replace(self, centre_px=centre, semi_axes_px=(a * by, b * by))
 
     def unit(self, pixels: npt.ArrayLike) -> Float64:
         """Return pixels ``(..., 2)`` in the frame in which the ellipse is the unit circle."""
@@ -135,7 +159,7 @@ def fit_circle(points_px: Float64, start: Ellipse | None = None) -> tuple[Ellips
         check_enough(weights, 3, "a circle")
         last, circle = circle, equations.solved(weights)
         weights = tukey_weights(circle.distance_px(points_px), FINEST_PX)
-        if _moved_px(last, circle) < _CONVERGED_PX:
+        if np.abs(last.change_to(circle)).max() < _CONVERGED_PX:
             break
     return circle, weights
 
@@ -186,12 +210,6 @@ def fit_ellipse(points_px: Float64, start: Ellipse | None = None) -> tuple[Ellip
     return ellipse, weights
 
 
-def _moved_px(a: Ellipse, b: Ellipse) -> float:
-    """Return the largest change of the centre and of the radius."""
-    change = [*np.subtract(b.centre_px, a.centre_px), b.radius_px - a.radius_px]
-    return float(np.abs(change).max())
-
-
 def _samples(points: Float64) -> tuple[Float64, Float64]:
     """Return samples ``(T, S, 2)`` of points, and points that judge the fits to them.
 
@@ -228,7 +246,8 @@ def _least_median_circle(points: Float64) -> Ellipse:
     best = int(np.argmin(np.where(np.isfinite(medians), medians, np.inf)))
     if not np.isfinite(medians[best]):
         raise EstimateError(_NO_ELLIPSE)
-    return Ellipse((float(centres[0, best]), float(centres[1, best])), (float(radii[best]),) * 2)
+    x, y = centres[:, best]
+    return Ellipse.circle(x, y, radii[best])
 
 
 def _least_median_ellipse(points: Float64) -> Ellipse:
@@ -266,8 +285,8 @@ class _CircleEquations:
         # For so few equations, OpenCV is faster than NumPy.
         x, y, c = cv2.solve(normal[:, :3], normal[:, 3:], flags=cv2.DECOMP_SVD)[1][:, 0]
         radius = self._scale * float(np.sqrt(max(c + x * x + y * y, 1e-24)))
-        centre = self._origin + self._scale * np.array([x, y])
-        return Ellipse((float(centre[0]), float(centre[1])), (radius, radius))
+        x, y = self._origin + self._scale * np.array([x, y])
+        return Ellipse.circle(x, y, radius)
 
 
 def _plain_ellipse(points: Float64, weights: Float64) -> Ellipse:
@@ -275,15 +294,8 @@ def _plain_ellipse(points: Float64, weights: Float64) -> Ellipse:
     # Centre and scale the points: otherwise the conic's columns differ by orders of magnitude.
     origin = points.mean(axis=0)
     scale = max(float(np.abs(points - origin).max()), 1e-12)
-    unit = _conic_to_ellipse(_direct_conic((points - origin) / scale, weights))
-    return Ellipse(
-        (
-            float(origin[0] + scale * unit.centre_px[0]),
-            float(origin[1] + scale * unit.centre_px[1]),
-        ),
-        (scale * unit.semi_axes_px[0], scale * unit.semi_axes_px[1]),
-        unit.angle_deg,
-    )
+    conic = _direct_conic((points - origin) / scale, weights)
+    return _conic_to_ellipse(conic).scaled(scale, origin)
 
 
 def _direct_conic(points: Float64, weights: Float64) -> Float64:

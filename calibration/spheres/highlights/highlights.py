@@ -212,17 +212,16 @@ def find_highlights(values: Images, outline: Ellipse) -> Highlights:
     reach = (_LARGEST_RADIUS + 0.05) * max(outline.semi_axes_px) + 4
     x0, y0 = (np.array(outline.centre_px) - reach).astype(int).clip(0)
     x1, y1 = (np.array(outline.centre_px) + reach).astype(int) + 2
-    crop = values[:, y0:y1, x0:x1]
+    filled = np.array(values[:, y0:y1, x0:x1])
     rows, columns = (
-        np.arange(first, first + size) for first, size in zip((y0, x0), crop.shape[1:], strict=True)
+        np.arange(first, first + size)
+        for first, size in zip((y0, x0), filled.shape[1:], strict=True)
     )
     within = _within(outline, rows, columns)
-    saturated = np.isnan(crop)
+    saturated = np.isnan(filled)
     if saturated.all() or not within.any():
         return _none(len(values))
-    # Parts of raw frames are new arrays.
-    filled = crop.copy() if isinstance(values, np.ndarray) else crop
-    peaks = np.fmax.reduce(crop, axis=(1, 2))
+    peaks = np.fmax.reduce(filled, axis=(1, 2))
     top = np.fmax.reduce(peaks)
     # Images of a longer exposure are saturated at a lower radiance than others reach.
     white = np.asarray(np.where(peaks < top / 2, peaks, top), np.float32)

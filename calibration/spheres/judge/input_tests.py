@@ -13,8 +13,9 @@ from calibration.spheres.geometry.cone import fit_cone
 from calibration.spheres.solve.joint_refinement import (
     Observation,
     Refined,
-    linearise,
     predicted_highlights,
+    slopes_at,
+    weights_of,
 )
 from rig import Notice, short_repr
 from rig.arrays import Float64
@@ -97,9 +98,10 @@ def check_inputs(
     list of InputTest
         The changes of ratio, focal length and distortion, most significant first.
     """
-    camera, spheres, sigma_px = seen.camera, seen.spheres, seen.sigma_px
-    system = linearise(seen, refined.positions_mm, refined.centres_mm)
-    centres, radii = refined.centres_mm, spheres.radii_mm
+    camera, sigma_px, radii = seen.camera, seen.sigma_px, seen.spheres.radii_mm
+    centres = refined.centres_mm
+    slopes = slopes_at(seen, refined.positions_mm, centres)
+    system = slopes.weighted(sigma_px)
     count = len(centres)
     up = np.kron(np.eye(count), [[0.0, 0.0, 1.0]])
     height = centres[:, 2] - radii
@@ -115,11 +117,8 @@ def check_inputs(
         square=system.square + float(height @ of_height @ height),
     )
     freedom = max(2 * int(np.isfinite(sigma_px).sum()) - refined.positions_mm.size + count - 1, 1)
-    information = np.linalg.inv(spheres.covariance_mm2)
-    off = (centres - spheres.centres_mm).ravel()
-    use = np.isfinite(sigma_px)[..., None] & np.ones(2, bool)
-    weight = np.where(use, np.where(use, sigma_px[..., None], 1.0) ** -2, 0.0)
-    error = np.where(use, _predict(camera, refined, radii) - np.nan_to_num(seen.highlights_px), 0.0)
+    information, off = slopes.of_outlines, slopes.off
+    use, weight = np.isfinite(sigma_px)[..., None], weights_of(sigma_px)
     move_light, _ = system.steps()
     tests = []
     for name in (RATIO, FOCAL, DISTORTION):
@@ -131,7 +130,7 @@ def check_inputs(
         by_height = -(grown - radii) / size
         of_value = np.sum(weight * slope**2) + moved @ information @ moved
         of_value += by_height @ of_height @ by_height
-        pull = np.sum(weight * slope * error) - moved @ information @ off
+        pull = np.sum(weight * slope * slopes.error) - moved @ information @ off
         pull += by_height @ of_height @ height
         by_light = np.einsum("nkia,nki->na", system.by_light, weight * slope)
         by_centre = np.einsum("nkia,nki->ka", system.by_centre, weight * slope).ravel()

@@ -21,7 +21,7 @@ from calibration.spheres.outline.limb import (
     smooth_along,
     stack_profiles,
 )
-from calibration.spheres.outline.outline import ALONG_PX, edge_angles, image_noise
+from calibration.spheres.outline.outline import ALONG_PX, TracedOutline, edge_angles, image_noise
 from rig.arrays import Bool, Float64
 
 # Share of a profile's contrast that the model of the limb does not explain, and the most evidence
@@ -46,26 +46,17 @@ _LEAST_SHARE = 0.2
 
 
 @dataclass(frozen=True, eq=False)
-class JointOutline:
+class JointOutline(TracedOutline):
     """An outline from the edges of all images.
 
     Parameters
     ----------
-    outline
-        The ellipse.
-    points_px
-        ``(M, 2)`` edge points that belong to it.
-    coverage
-        Share 0..1 of the circumference that these points cover.
     support
         Share 0..1 of the circumference where an edge agrees with the outline, by its distance.
     blur_px
         Blur of the edges: the trial value that fits the images best, see `estimate_blur`.
     """
 
-    outline: Ellipse
-    points_px: Float64
-    coverage: float
     support: float
     blur_px: float
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from calibration._errors import or_none
 from calibration.radiance.stack import Images
-from calibration.spheres.geometry.cone import OUTLINE_SIGMA_PX
 from calibration.spheres.geometry.ellipse import Ellipse
 from calibration.spheres.highlights.spots import reduced_image
 from calibration.spheres.outline.facing_edges import EdgesAround
@@ -21,14 +20,14 @@ from calibration.spheres.outline.joint_edge import (
     part_covariance,
 )
 from calibration.spheres.outline.limb import LARGEST_BLUR_PX
-from calibration.spheres.outline.outline import SHARP_PX, image_noise, scatter_px
-from calibration.spheres.outline.outline_noise import circle_covariance
+from calibration.spheres.outline.outline import SHARP_PX, image_noise
+from calibration.spheres.outline.outline_noise import scatter_covariance
 from rig.arrays import Float32, Float64
 
 _MARGIN_SHARE, _MARGIN_PX = 0.3, 24
 _MOST_IMAGES = 18
 # An outline that edges support this well has no rival. Noise supports up to .25 of large outlines.
-_WITHOUT_DOUBT, _LEAST_SUPPORT = 0.65, 0.3
+WITHOUT_DOUBT, _LEAST_SUPPORT = 0.65, 0.3
 _LEADERS, _QUICK_ANGLES = 6, 360
 _SAME_PX, _NEAR_PX = 0.25, 1.0
 # Edges that are more blurred than the model of the limb are seen in smaller images. The same
@@ -117,7 +116,7 @@ class OutlinesNear:
         """
         best: tuple[_Sized, list[JointOutline]] | None = None
         for factor in factors if self._sizes else ():
-            doubtful = best is None or best[1][0].support <= _WITHOUT_DOUBT
+            doubtful = best is None or best[1][0].support <= WITHOUT_DOUBT
             if factor > 1 and not (doubtful and self._guess.radius_px >= factor * _SMALLEST_PX):
                 break
             if factor not in self._sizes:
@@ -144,7 +143,7 @@ class _Sized:
         # The centre of the first pixel of a smaller image is between the first pixels.
         self.start: Float64 = low + np.float64((factor - 1) / 2)
         self.images, self.factor, self._low = images, factor, low
-        self.guess = _scaled(_shifted(guess, -self.start), 1 / factor)
+        self.guess = guess.scaled(1, -self.start).scaled(1 / factor, np.zeros(2))
         self._refined: dict[tuple[Ellipse, bool], JointOutline | None] = {}
 
     def smaller(self, factor: int, guess: Ellipse) -> _Sized:
@@ -156,7 +155,7 @@ class _Sized:
 
     def outline(self, joint: JointOutline) -> Ellipse:
         """Return an outline in these images in pixels of the large ones."""
-        return _shifted(_scaled(joint.outline, self.factor), self.start)
+        return joint.outline.scaled(self.factor, self.start)
 
     @cached_property
     def _lifted(self) -> list[Float32]:
@@ -171,24 +170,24 @@ class _Sized:
         best = self._refine(found[0].outline, quick=False)
         if best is None or best.support < _LEAST_SUPPORT:
             return []
-        return [] if scatter_px(best.outline, best.points_px) >= SHARP_PX else [best, *found[1:]]
+        return [] if best.rms_px >= SHARP_PX else [best, *found[1:]]
 
     def _searched(self, reach_px: float) -> list[JointOutline]:
         """Return the outlines near the guess, from fewer angles."""
-        circle = Ellipse(self.guess.centre_px, (self.guess.radius_px, self.guess.radius_px))
+        circle = Ellipse.circle(*self.guess.circle_px)
         found: list[JointOutline] = []
 
         def refine(trial: Ellipse) -> None:
             joint = self._refine(trial, quick=True)
-            if joint and np.abs(change_of(circle, joint.outline)).max() <= 1.2 * reach_px:
+            if joint and np.abs(circle.change_to(joint.outline)).max() <= 1.2 * reach_px:
                 found.append(joint)
 
         refine(self.guess)
-        if found and found[0].support > _WITHOUT_DOUBT:
+        if found and found[0].support > WITHOUT_DOUBT:
             return found
         leaders = EdgesAround(self._lifted, circle, reach_px).leaders()
         for trial in [circle, *leaders[:_LEADERS]]:
-            if all(np.abs(change_of(one.outline, trial)).max() > _NEAR_PX for one in found):
+            if all(np.abs(one.outline.change_to(trial)).max() > _NEAR_PX for one in found):
                 refine(trial)
         return found
 
@@ -203,7 +202,7 @@ class _Sized:
         """Return the best outline of some in pixels of the large images."""
         joint = found[0]
         covariance = _covariance(found) + part_covariance(self.images, joint.outline)
-        doubted = joint.support <= _WITHOUT_DOUBT
+        doubted = joint.support <= WITHOUT_DOUBT
         bright = bright_support(self.images, joint.outline) if doubted else float("nan")
         return JointNear(
             self.outline(joint),
@@ -239,7 +238,7 @@ def best_of(found: Sequence[JointNear]) -> JointNear | None:
     best = max(larger or [best], key=lambda one: one.support)
     length = 2 * np.pi * best.outline.radius_px / _INDEPENDENT_PX
     others = [one for one in found if one is not best]
-    changes = [change_of(best.outline, one.outline) for one in others]
+    changes = [best.outline.change_to(one.outline) for one in others]
     inner = [_LARGER * one.outline.radius_px < best.outline.radius_px for one in others]
     less = [length * (best.support - one.support) for one in others]
     weights = np.exp([-n - _INNER * of_inner for n, of_inner in zip(less, inner, strict=True)])
@@ -255,7 +254,7 @@ def edges_agree(values: Images, outline: Ellipse) -> bool:
     Parameters are those of `joint_near`, which takes several times as long.
     """
     support, change = _at(values, outline)
-    return support > _WITHOUT_DOUBT and bool(np.abs(change).max() < _SAME_PX)
+    return support > WITHOUT_DOUBT and bool(np.abs(change).max() < _SAME_PX)
 
 
 def edges_support(values: Images, outline: Ellipse) -> bool:
@@ -269,9 +268,9 @@ def _at(values: Images, outline: Ellipse) -> tuple[float, Float64]:
     if part is None:
         return 0.0, np.zeros(3)
     crop, low = part
-    guess = _shifted(outline, -low)
+    guess = outline.scaled(1, -low)
     joint = or_none(joint_outline, crop, guess, 1, _QUICK_ANGLES)
-    return (joint.support, change_of(guess, joint.outline)) if joint else (0.0, np.zeros(3))
+    return (joint.support, guess.change_to(joint.outline)) if joint else (0.0, np.zeros(3))
 
 
 def _cut(values: Images, around: Ellipse) -> tuple[Images, Float64] | None:
@@ -290,12 +289,10 @@ def _cut(values: Images, around: Ellipse) -> tuple[Images, Float64] | None:
 def _covariance(found: list[JointOutline]) -> Float64:
     """Return the covariance of the best of some outlines, which are sorted by support."""
     best = found[0]
-    covariance = circle_covariance(best.points_px, best.outline)
-    covariance -= np.eye(3) * OUTLINE_SIGMA_PX**2
     length = 2 * np.pi * best.outline.radius_px / _INDEPENDENT_PX
-    changes = [change_of(best.outline, one.outline) for one in found]
+    changes = [best.outline.change_to(one.outline) for one in found]
     less = [length * (one.support - best.support) for one in found]
-    return with_others(covariance, changes, less)
+    return with_others(scatter_covariance(best), changes, less)
 
 
 def with_others(covariance: Float64, changes: Sequence[Float64], less: Sequence[float]) -> Float64:
@@ -325,18 +322,3 @@ def _lifted(image: Float32) -> Float32:
     noise = image_noise(image)
     offset = max(10 * noise, 0.002 * float(image.mean()), 1e-4)
     return np.maximum(image, 0) + np.float32(offset)
-
-
-def change_of(a: Ellipse, b: Ellipse) -> Float64:
-    """Return the change from one outline to another in centre x, centre y and radius."""
-    return np.array([*np.subtract(b.centre_px, a.centre_px), b.radius_px - a.radius_px])
-
-
-def _shifted(outline: Ellipse, by: Float64) -> Ellipse:
-    x, y = outline.centre_px
-    return replace(outline, centre_px=(x + float(by[0]), y + float(by[1])))
-
-
-def _scaled(outline: Ellipse, by: float) -> Ellipse:
-    (x, y), (a, b) = outline.centre_px, outline.semi_axes_px
-    return replace(outline, centre_px=(x * by, y * by), semi_axes_px=(a * by, b * by))

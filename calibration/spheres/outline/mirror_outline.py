@@ -11,6 +11,7 @@ from calibration.spheres.geometry.cone import OUTLINE_SIGMA_PX
 from calibration.spheres.highlights.highlights import find_highlights
 from calibration.spheres.outline.limb_fit import LimbFit, fit_limb
 from calibration.spheres.outline.mirror_search import Mirror, outline_of
+from calibration.spheres.outline.outline_noise import CHANCE, SAME_OUTLINE, chi_square
 from calibration.spheres.outline.sphere_image import SphereImage
 from calibration.spheres.outline.surroundings import Balls, MirroredPlane, outlines_of
 from rig.arrays import Float64
@@ -18,8 +19,6 @@ from rig.arrays import Float64
 # A search finds a ball to about 1 % of its radius.
 _SEARCH_SHARE = 0.01
 _FINEST_PX = 0.003
-# The 95 % and 99.9 % quantiles of chi-square with 3 degrees of freedom.
-_DOUBTED, _SAME_OUTLINE = 7.8, 16.3
 # Where the two differ by more than is usual, the mirror image is wrong by this: of 213 simulated
 # balls, 15 had mirror images that were .05 to .17 px off, and edges that were at most .04 px off.
 _TAIL_PX = 0.1
@@ -122,17 +121,13 @@ def _combined(ball: Balls, covariance: Float64, edge: LimbFit) -> tuple[Balls, F
     by_blur = _OF_BLUR * max(edge.blur_px - _USUAL_BLUR_PX, 0.0)
     unseen = np.eye(3) * ((_EDGE_PX3 / float(ball.radii_px[0]) ** 2) ** 2 + by_blur**2)
     of_edge = edge.covariance_px2 + unseen
-    if _chi_square(change, covariance + of_edge) > _DOUBTED:
+    if chi_square(change, covariance + of_edge) > CHANCE:
         known, covariance = covariance, covariance + np.eye(3) * _TAIL_PX**2
-        if _chi_square(change, covariance + of_edge) > _SAME_OUTLINE:
+        if chi_square(change, covariance + of_edge) > SAME_OUTLINE:
             return ball, known
     gain = covariance @ np.linalg.inv(covariance + of_edge)
     mean = Balls(ball.axes_px + gain[:2] @ change, ball.radii_px + gain[2] @ change, ball.slopes)
     return mean, covariance - gain @ covariance
-
-
-def _chi_square(change: Float64, covariance: Float64) -> float:
-    return float(change @ np.linalg.solve(covariance, change))
 
 
 def _parted(covariance: Float64) -> tuple[Float64, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import cv2
@@ -22,6 +23,7 @@ from calibration.spheres.outline.limb import (
     smooth_along,
     stack_profiles,
 )
+from rig import short_repr
 from rig.arrays import Bool, Float32, Float64, Floating
 
 _SMALLEST_AREA_PX = 60
@@ -30,6 +32,8 @@ _WHITE_STEP = 7
 ALONG_PX = 4.0
 # Outlines of spheres scatter by 0.02 to 0.15 px, those of other round objects by 0.4 px or more.
 SHARP_PX = 0.25
+# Largest error of a mask that is painted by hand, or of a circle that a search found.
+_REACH_PX, _REACH_SHARE = 3.0, 0.03
 # The steepest points of a sharp outline scatter by up to 0.8 px, near a rough guess by 0.9 px.
 # An outline that ends within half a pixel of another one is the same.
 _ROUGH_PX, _NEAR_GUESS_PX, _SAME_PX = 1.0, 2.0, 0.5
@@ -43,6 +47,33 @@ _BLOCK, _FEW_IMAGES, _MIDDLE_PX, _EVERY = 8, 4, 1024, 5
 # quality 95, 1.7 with 90, 2.2 with 85, 3.5 with 75, 5.3 with 60; without colour 1.6 with 85, 1.8
 # with 75, 2.3 with 60.
 _VISIBLE = 1.7
+
+
+@dataclass(frozen=True, eq=False)
+class TracedOutline:
+    """An outline of a sphere, and the points that belong to it.
+
+    Parameters
+    ----------
+    outline
+        The ellipse. It is a circle unless more than three quarters of the circumference are
+        visible, because a smaller part does not determine an ellipse.
+    points_px
+        ``(M, 2)`` outline points.
+    coverage
+        Share 0..1 of the circumference that these points cover.
+    """
+
+    outline: Ellipse
+    points_px: Float64
+    coverage: float
+
+    __repr__ = short_repr
+
+    @property
+    def rms_px(self) -> float:
+        """Robust scatter of the points about the outline."""
+        return 1.4826 * float(np.median(np.abs(self.outline.distance_px(self.points_px))))
 
 
 def mask_outlines(mask: Bool | Floating) -> list[Float64]:
@@ -169,7 +200,7 @@ def refine_outline(
     guess: Ellipse,
     reach_px: float,
     rivals: Sequence[Ellipse] = (),
-) -> tuple[Ellipse, Float64, float]:
+) -> TracedOutline:
     """Fit the outline to image edges near a guess, in rounds with a decreasing search range.
 
     Parameters
@@ -183,16 +214,6 @@ def refine_outline(
     rivals
         Outlines that only another, sharp one can replace: others are not fitted exactly.
 
-    Returns
-    -------
-    ellipse
-        The outline. It is a circle unless more than three quarters of the circumference are
-        visible, because a smaller part does not determine an ellipse.
-    points_px
-        ``(M, 2)`` edge points that belong to it.
-    coverage
-        Share 0..1 of the circumference that these points cover.
-
     Raises
     ------
     EstimateError
@@ -203,12 +224,12 @@ def refine_outline(
     for reach in (reach_px, max(reach_px / 2, 3.0), REACH_PX):
         angles, offsets, seen = _steepest(image, ellipse, reach)
         found = _fit(ellipse, angles[seen], offsets[seen], len(angles), start)
-        ellipse = start = found[0]
-        if rivals and scatter_px(ellipse, found[1]) > _NEAR_GUESS_PX:
+        ellipse = start = found.outline
+        if rivals and found.rms_px > _NEAR_GUESS_PX:
             return found
     if rivals:
         same = any(_is_same(ellipse, rival) for rival in rivals)
-        if scatter_px(ellipse, found[1]) > (SHARP_PX if same else _ROUGH_PX):
+        if found.rms_px > (SHARP_PX if same else _ROUGH_PX):
             return found
     return _refine_edges(image, ellipse)
 
@@ -221,7 +242,7 @@ def _is_same(a: Ellipse, b: Ellipse) -> bool:
 
 def refine_sharpest(
     images: OutlineImages, guess: Ellipse, reach_px: float, rivals: Sequence[Ellipse] = ()
-) -> tuple[Ellipse, Float64, float]:
+) -> TracedOutline:
     """Fit the outline to the upper mean, or to the median image if it is sharper there.
 
     Where reflections or shadows of the surroundings meet the outline, edge points scatter, and the
@@ -229,23 +250,17 @@ def refine_sharpest(
     as much of the circumference. Parameters, results and errors are those of `refine_outline`.
     """
     found = refine_outline(images.upper, guess, reach_px, rivals)
-    if scatter_px(found[0], found[1]) < SHARP_PX:
+    if found.rms_px < SHARP_PX:
         return found
     other = or_none(refine_outline, images.median, guess, reach_px, rivals)
     if other is None:
         return found
-    sharper = scatter_px(other[0], other[1]) < 0.5 * scatter_px(found[0], found[1])
-    return other if sharper and other[2] > _NEARLY * found[2] else found
+    sharper = other.rms_px < 0.5 * found.rms_px
+    return other if sharper and other.coverage > _NEARLY * found.coverage else found
 
 
-def scatter_px(outline: Ellipse, points_px: Float64) -> float:
-    """Return the robust scatter of outline points about an outline."""
-    return 1.4826 * float(np.median(np.abs(outline.distance_px(points_px))))
-
-
-def _refine_edges(image: Float32, guess: Ellipse) -> tuple[Ellipse, Float64, float]:
+def _refine_edges(image: Float32, ellipse: Ellipse) -> TracedOutline:
     """Fit an outline that is known to a pixel, with the model of a blurred limb."""
-    ellipse = guess
     for _ in range(2):
         angles, _, seen = _steepest(image, ellipse, REACH_PX)
         if not seen.any():
@@ -255,8 +270,9 @@ def _refine_edges(image: Float32, guess: Ellipse) -> tuple[Ellipse, Float64, flo
         # the outline averages out its position relative to the pixel grid.
         profiles = smooth_along(profiles.astype(np.float64), ALONG_PX)[:, seen]
         offsets = edge_offsets(profiles, estimate_blur(profiles))
-        ellipse, points, coverage = _fit(ellipse, angles[seen], offsets, len(angles), ellipse)
-    return ellipse, points, coverage
+        found = _fit(ellipse, angles[seen], offsets, len(angles), ellipse)
+        ellipse = found.outline
+    return found
 
 
 def _fit(
@@ -265,8 +281,8 @@ def _fit(
     offsets: Float64,
     count: int,
     start: Ellipse | None,
-) -> tuple[Ellipse, Float64, float]:
-    """Fit a circle, or an ellipse if enough is visible; return it, its points and coverage."""
+) -> TracedOutline:
+    """Fit a circle, or an ellipse if enough is visible."""
     if len(angles) < 12:
         raise no_outline(guess)
     points = guess.point(angles, 1 + offsets / guess.radius_px)
@@ -274,7 +290,12 @@ def _fit(
     if len(points) > ELLIPSE_COVERAGE * count:
         ellipse, weights = fit_ellipse(points, start or ellipse)
     good = weights > 0
-    return ellipse, points[good], float(np.count_nonzero(good)) / count
+    return TracedOutline(ellipse, points[good], float(np.count_nonzero(good)) / count)
+
+
+def usual_reach_px(radius_px: float, share: float = _REACH_SHARE) -> float:
+    """Return by how much an outline may be wrong: 3 px, or a share of the radius."""
+    return max(_REACH_PX, share * radius_px)
 
 
 def no_outline(guess: Ellipse) -> EstimateError:

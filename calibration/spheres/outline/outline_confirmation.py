@@ -15,18 +15,18 @@ from calibration.spheres.outline.joint_search import (
     JointNear,
     OutlinesNear,
     best_of,
-    change_of,
     edges_agree,
     edges_support,
     joint_near,
 )
 from calibration.spheres.outline.mirror_outline import outlined_mirror
 from calibration.spheres.outline.mirror_search import mirror_near
+from calibration.spheres.outline.outline import usual_reach_px
+from calibration.spheres.outline.outline_noise import SAME_OUTLINE, chi_square
 from calibration.spheres.outline.sphere_image import SphereImage
 from calibration.spheres.outline.surroundings import MirroredPlane
 from rig.arrays import Float64
 
-_REACH_PX, _REACH_SHARE = 3.0, 0.03
 # One picture may show an edge as far from the outline that less of all images supports.
 _WIDER_SHARE, _DECIDED = 0.1, 0.5
 # It may show the border of what a larger ball mirrors: sizes of balls around it, in its radii.
@@ -41,8 +41,7 @@ LEAST_SUPPORT = 0.45
 # Noise supports up to a quarter: an outline with less on its bright side is not seen there.
 _NOT_SEEN = 0.25
 # Contact shadows and what is mirrored at the limb move the edges of all images by up to 0.2 px.
-# The 99.9 % quantile of chi-square with 3 degrees of freedom.
-_MODEL_PX, _DIFFERENT = 0.15, 16.3
+_MODEL_PX = 0.15
 # Edges that determine the outline less well, as a share of the radius, contradict nothing.
 _WELL_KNOWN = 0.03
 
@@ -80,7 +79,7 @@ def confirmed(values: Images, mirroring: Sequence[SphereImage]) -> list[SphereIm
         if joint is None:
             by_edges.append(None)
             continue
-        change = change_of(sphere.outline, joint.outline)
+        change = sphere.outline.change_to(joint.outline)
         if not _contradicts(joint, sphere, change):
             several = len(mirroring) > 1
             return list(mirroring) if several else [_either(values, sphere, joint, change)]
@@ -105,7 +104,7 @@ def confirmed_near(
     near: list[SphereImage | None] = []
     for circle, reach, mirror in zip(circles, reaches_px, found, strict=True):
         sphere = next(left) if mirror else None
-        far = sphere and np.abs(change_of(circle, sphere.outline)).max() > _NEAR * reach
+        far = sphere and np.abs(circle.change_to(sphere.outline)).max() > _NEAR * reach
         near.append(None if far else sphere)
     return near
 
@@ -121,7 +120,7 @@ def in_all_images(values: Images, sphere: SphereImage) -> SphereImage | None:
     found = [one for one in found_near(values, sphere.outline) if not is_border(one)]
     if max((one.support for one in found), default=0.0) < _DECIDED:
         size = sphere.outline.radius_px
-        around = Ellipse(sphere.outline.centre_px, (_AROUND * size, _AROUND * size))
+        around = Ellipse.circle(*sphere.outline.centre_px, _AROUND * size)
         least = found[0].factor if found else 1
         larger = joint_near(values, around, _AROUND_REACH * size, _factors(found[:1], least))
         found += [] if larger is None or is_border(larger) else [larger]
@@ -140,10 +139,10 @@ def found_near(values: Images, outline: Ellipse) -> list[JointNear]:
     """Return outlines near another one that the edges of all images support, one or two."""
     radius = outline.radius_px
     near = OutlinesNear(values, outline)
-    joint = near.within(max(_REACH_PX, _REACH_SHARE * radius))
+    joint = near.within(usual_reach_px(radius))
     found = [] if joint is None else [joint]
     if joint is None or joint.support < _DECIDED:
-        wider = near.within(max(_REACH_PX, _WIDER_SHARE * radius), _factors(found))
+        wider = near.within(usual_reach_px(radius, _WIDER_SHARE), _factors(found))
         found += [] if wider is None else [wider]
     return found
 
@@ -160,9 +159,8 @@ def _contradicts(joint: JointNear, sphere: SphereImage, change: Float64) -> bool
     limit_px = _WELL_KNOWN * sphere.outline.radius_px
     if np.linalg.eigvalsh(covariance)[-1] > limit_px**2:
         return False
-    own = np.zeros((3, 3)) if sphere.covariance_px2 is None else sphere.covariance_px2
-    both = covariance + own + np.eye(3) * (_MODEL_PX**2 + sphere.systematic_px**2)
-    return bool(change @ np.linalg.solve(both, change) > _DIFFERENT)
+    both = covariance + sphere.stated_px2 + np.eye(3) * (_MODEL_PX**2 + sphere.systematic_px**2)
+    return chi_square(change, both) > SAME_OUTLINE
 
 
 def _either(values: Images, sphere: SphereImage, joint: JointNear, change: Float64) -> SphereImage:
@@ -172,8 +170,7 @@ def _either(values: Images, sphere: SphereImage, joint: JointNear, change: Float
     """
     if sphere.on_plane and edges_support(values, sphere.outline):
         return sphere
-    own = np.zeros((3, 3)) if sphere.covariance_px2 is None else sphere.covariance_px2
-    covariance = own + joint.covariance_px2 + np.eye(3) * joint.model_px**2
+    covariance = sphere.stated_px2 + joint.covariance_px2 + np.eye(3) * joint.model_px**2
     return replace(
         sphere,
         coverage=min(sphere.coverage, joint.support),

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from acquisition import CameraModel
-from calibration.spheres.geometry.cone import OUTLINE_SIGMA_PX, Cone, fit_cone
-from calibration.spheres.geometry.ellipse import Ellipse
-from calibration.spheres.geometry.robust import tukey_weights
+from calibration.spheres.geometry.cone import OUTLINE_SIGMA_PX, Cone, centre_covariance, fit_cone
+from calibration.spheres.geometry.robust import FINEST_PX, tukey_weights
+from calibration.spheres.outline.outline import TracedOutline
 from calibration.spheres.outline.sphere_image import SphereImage
 from rig.arrays import Float64
 
@@ -17,11 +17,12 @@ from rig.arrays import Float64
 # eighth of the radius in pixels keep their power.
 _RADIUS_PER_HARMONIC_PX = 8.0
 _FEWEST, _MOST = 5, 16
+# The 95 % and 99.9 % quantiles of chi-square with 3 degrees of freedom: larger differences are not
+# chance, and show that the errors are larger than stated.
+CHANCE, SAME_OUTLINE = 7.8, 16.3
 _DEPENDENT = 1e-3
 _FINEST_PX = 0.02
 _SMALL_PX = 0.01
-# A smaller scale would reject good points.
-_FINEST_WEIGHT_PX = 0.15
 
 
 def viewing_cone(rays: Float64, pixel_angle: float) -> Cone:
@@ -49,12 +50,8 @@ def viewing_cone(rays: Float64, pixel_angle: float) -> Cone:
     angles = np.arctan2(unit @ second, unit @ first)
     residuals_px = (unit @ v - 1) / (tangent * pixel_angle)
     variance = slow_variance(angles, residuals_px, weights, tangent / pixel_angle, fitted=1)
-    of_v = np.linalg.inv((unit * weights[:, None]).T @ unit)
-    of_v *= variance * (tangent * pixel_angle) ** 2
-    # The derivative of u = v / sqrt(|v|^2 - 1) transforms the covariance of v to that of u.
-    root = np.sqrt(v @ v - 1)
-    slope = np.eye(3) / root - np.outer(v, v) / root**3
-    return replace(cone, covariance=slope @ of_v @ slope.T)
+    variance *= (tangent * pixel_angle) ** 2
+    return replace(cone, covariance=centre_covariance(unit, weights, v, variance, v @ v))
 
 
 def cone_of(camera: CameraModel, image: SphereImage) -> Cone:
@@ -93,29 +90,34 @@ def outline_covariance(image: SphereImage) -> Float64:
     """
     if image.covariance_px2 is not None:
         return image.covariance_px2 + np.eye(3) * image.systematic_px**2
-    return circle_covariance(image.points_px, image.outline)
+    return circle_covariance(image)
 
 
-def circle_covariance(points_px: Float64, outline: Ellipse) -> Float64:
+def circle_covariance(traced: TracedOutline) -> Float64:
     """Return the covariance ``(3, 3)`` of centre x, centre y and radius of an outline, in px^2.
 
-    It includes the systematic error of each, `OUTLINE_SIGMA_PX`.
-
-    Parameters
-    ----------
-    points_px
-        ``(M, 2)`` outline points.
-    outline
-        The ellipse that was fitted to them.
+    It is shown by the scatter of the points, and includes the systematic error of each,
+    `OUTLINE_SIGMA_PX`.
     """
-    residuals = outline.distance_px(points_px)
-    weights = tukey_weights(residuals, _FINEST_WEIGHT_PX)
-    x, y = outline.unit(points_px).T
+    outline = traced.outline
+    residuals = outline.distance_px(traced.points_px)
+    weights = tukey_weights(residuals, FINEST_PX)
+    x, y = outline.unit(traced.points_px).T
     angles = np.arctan2(y, x)
     variance = slow_variance(angles, residuals, weights, outline.radius_px, fitted=2)
     design = np.column_stack([np.cos(angles), np.sin(angles), np.ones_like(angles)])
     covariance: Float64 = variance * np.linalg.pinv((design * weights[:, None]).T @ design)
     return covariance + np.eye(3) * OUTLINE_SIGMA_PX**2
+
+
+def chi_square(change: Float64, covariance: Float64) -> float:
+    """Return how far a change of centre x, centre y and radius is from chance."""
+    return float(change @ np.linalg.solve(covariance, change))
+
+
+def scatter_covariance(traced: TracedOutline) -> Float64:
+    """Return `circle_covariance` without the systematic errors."""
+    return circle_covariance(traced) - np.eye(3) * OUTLINE_SIGMA_PX**2
 
 
 def slow_variance(

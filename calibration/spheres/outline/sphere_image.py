@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.spheres.geometry.cone import OUTLINE_SIGMA_PX
-from calibration.spheres.geometry.ellipse import Ellipse
 from calibration.spheres.highlights.highlights import Highlights
-from calibration.spheres.outline.outline import scatter_px
+from calibration.spheres.outline.outline import TracedOutline
 from rig import Notice, short_repr
 from rig.arrays import Float64
 
@@ -21,7 +20,7 @@ _UNEVEN_PX = 0.4
 
 
 @dataclass(frozen=True, eq=False)
-class SphereImage:
+class SphereImage(TracedOutline):
     """Outline and highlights of one sphere in the images.
 
     Parameters
@@ -53,9 +52,6 @@ class SphereImage:
         Whether what it mirrors is, without doubt, a plane that faces the camera.
     """
 
-    outline: Ellipse
-    points_px: Float64
-    coverage: float
     highlights: Highlights
     covariance_px2: Float64 | None = None
     systematic_px: float = OUTLINE_SIGMA_PX
@@ -67,9 +63,9 @@ class SphereImage:
     __repr__ = short_repr
 
     @property
-    def rms_px(self) -> float:
-        """Robust scatter of the outline points about the outline."""
-        return scatter_px(self.outline, self.points_px)
+    def stated_px2(self) -> Float64:
+        """The covariance of the outline, 0 if the scatter of the points shows it."""
+        return np.zeros((3, 3)) if self.covariance_px2 is None else self.covariance_px2
 
 
 def missing_highlights_warning(images: list[SphereImage]) -> list[Notice]:
@@ -177,8 +173,7 @@ def mask_warnings(images: list[SphereImage]) -> list[Notice]:
 
 def _error_of_outline(image: SphereImage) -> tuple[float, float]:
     """Return the standard deviation of an outline in degrees of a light, and in px."""
-    covariance = np.zeros((3, 3)) if image.covariance_px2 is None else image.covariance_px2
-    sigma_px = float(np.sqrt(np.trace(covariance) / 3))
+    sigma_px = float(np.sqrt(np.trace(image.stated_px2) / 3))
     return float(np.degrees(2 * sigma_px / image.outline.radius_px)), sigma_px
 
 
@@ -190,4 +185,4 @@ def places(images: list[SphereImage]) -> str:
 
 def circles_of(images: Sequence[SphereImage]) -> tuple[tuple[float, float, float], ...]:
     """Return the circles (x, y, radius) of spheres in pixels."""
-    return tuple((*image.outline.centre_px, image.outline.radius_px) for image in images)
+    return tuple(image.outline.circle_px for image in images)

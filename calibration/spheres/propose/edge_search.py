@@ -16,15 +16,15 @@ from calibration.spheres.highlights.spots import SpotCluster
 from calibration.spheres.outline.outline import (
     SHARP_PX,
     OutlineImages,
+    TracedOutline,
     outline_image,
     refine_sharpest,
-    scatter_px,
+    usual_reach_px,
 )
 from calibration.spheres.outline.sphere_image import SphereImage
 from rig.arrays import Float32, Float64
 
 _CANDIDATES = 120
-_REACH_PX, _REACH_SHARE = 3.0, 0.03
 _FEW = 8
 # The middle of a ball, without its highlights, in multiples of the radius.
 _MIDDLE = 0.7
@@ -63,15 +63,15 @@ def spheres_by_edges(
             continue
         rivals = rivals_of(circle, spheres)
         edge = _refined(pictures, circle, [sphere.outline for sphere in rivals])
-        if edge is None or not expected(edge[0], radii_px) or rivals_of(edge[0], known):
+        if edge is None or not expected(edge.outline, radii_px) or rivals_of(edge.outline, known):
             continue
         # What is slower is checked last: most circles around a ball are mirrored in it.
         if not rivals and not _has_highlights(values, circle):
             continue
-        rivals = rivals_of(edge[0], spheres)
-        if not all(scatter_px(*edge[:2]) < SHARP_PX < rival.rms_px for rival in rivals):
+        rivals = rivals_of(edge.outline, spheres)
+        if not all(edge.rms_px < SHARP_PX < rival.rms_px for rival in rivals):
             continue
-        sphere = mirroring(values, *edge)
+        sphere = mirroring(values, edge)
         if sphere is not None:
             spheres = [other for other in spheres if other not in rivals] + [sphere]
     return spheres
@@ -105,23 +105,22 @@ def _has_highlights(values: Images, circle: Ellipse) -> bool:
 
 def _refined(
     pictures: OutlineImages, circle: Ellipse, rivals: Sequence[Ellipse] = ()
-) -> tuple[Ellipse, Float64, float] | None:
-    """Refine a circle; return outline, its points and coverage, None if too little is visible.
+) -> TracedOutline | None:
+    """Refine a circle; return None if too little of its outline is visible.
 
     The refinement moves the outline by up to 3 px or 3 % of the radius. If it is not sharp, so that
     it cannot replace its rivals, it may be inexact.
     """
-    reach = max(_REACH_PX, _REACH_SHARE * circle.radius_px)
-    found = or_none(refine_sharpest, pictures, circle, reach, rivals)
-    if found is None or found[2] < LEAST_COVERAGE:
+    reach_px = usual_reach_px(circle.radius_px)
+    found = or_none(refine_sharpest, pictures, circle, reach_px, rivals)
+    if found is None or found.coverage < LEAST_COVERAGE:
         return None
-    return None if abs(found[0].radius_px / circle.radius_px - 1) > 0.15 else found
+    return None if abs(found.outline.radius_px / circle.radius_px - 1) > 0.15 else found
 
 
-def mirroring(
-    values: Images, outline: Ellipse, points: Float64, coverage: float
-) -> SphereImage | None:
+def mirroring(values: Images, edge: TracedOutline) -> SphereImage | None:
     """Return the sphere with an outline if its highlights are those of a mirror."""
+    outline = edge.outline
     highlights = find_highlights(values, outline)
     seen = highlights.pixels[highlights.found]
     if len(seen) < 0.5 * len(values):
@@ -130,7 +129,7 @@ def mirroring(
         return None
     if is_painted(values, outline, highlights):
         return None
-    return SphereImage(outline, points, coverage, highlights)
+    return SphereImage(outline, edge.points_px, edge.coverage, highlights)
 
 
 def expected(circle: Ellipse, radii_px: Sequence[float]) -> bool:
@@ -143,8 +142,7 @@ def expected(circle: Ellipse, radii_px: Sequence[float]) -> bool:
 
 def overlap(a: Ellipse, b: Ellipse) -> bool:
     """Return whether the centre of one outline is inside the other."""
-    distance = np.hypot(a.centre_px[0] - b.centre_px[0], a.centre_px[1] - b.centre_px[1])
-    return bool(distance < max(a.radius_px, b.radius_px))
+    return a.apart_px(b) < max(a.radius_px, b.radius_px)
 
 
 def is_painted(values: Images, outline: Ellipse, highlights: Highlights) -> bool:
@@ -204,11 +202,8 @@ def circular_edges(image: Float32) -> list[Ellipse]:
     scored.sort(key=lambda item: (round(item[0] / 0.25), item[2]), reverse=True)
     scale = image.shape[1] / size[0]
     return [
-        Ellipse(
-            ((centre[0] + 0.5) * scale - 0.5, (centre[1] + 0.5) * scale - 0.5),
-            (radius * scale, radius * scale),
-        )
-        for _, centre, radius in scored
+        Ellipse.circle((x + 0.5) * scale - 0.5, (y + 0.5) * scale - 0.5, radius * scale)
+        for _, (x, y), radius in scored
     ]
 
 

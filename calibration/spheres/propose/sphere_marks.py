@@ -10,16 +10,25 @@ import numpy as np
 from acquisition import CameraModel, DataError
 from calibration._errors import EstimateError, or_none
 from calibration.radiance.stack import Images
-from calibration.spheres.geometry.cone import OUTLINE_SIGMA_PX
 from calibration.spheres.geometry.ellipse import ELLIPSE_COVERAGE, Ellipse, fit_circle, fit_ellipse
-from calibration.spheres.geometry.robust import tukey_weights
+from calibration.spheres.geometry.robust import FINEST_PX, tukey_weights
 from calibration.spheres.highlights.highlights import find_highlights
 from calibration.spheres.highlights.spots import reduce_stack
-from calibration.spheres.outline.joint_search import change_of
 from calibration.spheres.outline.near_circle import NearOutline, outline_near
-from calibration.spheres.outline.outline import OutlineImages, mask_outlines
+from calibration.spheres.outline.outline import (
+    OutlineImages,
+    TracedOutline,
+    mask_outlines,
+    usual_reach_px,
+)
 from calibration.spheres.outline.outline_confirmation import confirmed_near
-from calibration.spheres.outline.outline_noise import circle_covariance
+from calibration.spheres.outline.outline_noise import (
+    CHANCE,
+    SAME_OUTLINE,
+    chi_square,
+    circle_covariance,
+    scatter_covariance,
+)
 from calibration.spheres.outline.sphere_image import SphereImage
 from calibration.spheres.outline.surroundings import MirroredPlane
 from calibration.spheres.propose.edge_search import is_painted
@@ -30,20 +39,15 @@ Mask = Bool | Floating
 # Largest ratio of the axes of a sphere's outline; perspective and non-square pixels cause less.
 _LONGEST_RATIO = 1.5
 _ROUGHEST_SHARE, _EXACT_SHARE = 0.05, 0.01
-# Largest errors of masks that are painted by hand, at least 3 px, and how many standard deviations
-# they are. A person who paints a small ball sees smaller errors: the limit in radii.
-_REACH_PX, _REACH_SHARE = 3.0, 0.03
+# How many standard deviations the largest errors of masks that are painted by hand are. A person
+# who paints a small ball sees smaller errors: the limit in radii.
 _REACH_SIGMAS, _PAINTED_SHARE = 3.0, 0.03
 # The images confirm a mask if they reduce its standard deviation by this factor.
 _CONFIRMED = 0.5
-_FINEST_PX = 0.15
 # Noise supports parts of smaller outlines.
 _SMALL_PX = 25.0
 # The pixels of a mask are accurate to half a pixel: a smaller difference does not contradict it.
 _SAME_PX = 0.5
-# The 99.9 % and 95 % quantiles of chi-square with 3 degrees of freedom: larger differences are not
-# chance, and show that the errors are larger than stated.
-_SAME_OUTLINE, _CHANCE = 16.3, 7.8
 
 
 def masked_spheres(
@@ -54,7 +58,7 @@ def masked_spheres(
     A mask that contradicts the images is refined, see `sphere_in_mask`. Parameters and errors are
     those of `calibrate_spheres`.
     """
-    given: list[tuple[Ellipse, Float64, float]] = []
+    given: list[TracedOutline] = []
     for mask in masks:
         if mask.shape != values.shape[1:]:
             raise DataError(
@@ -73,18 +77,14 @@ def masked_spheres(
             if _coverage(outline, points) <= ELLIPSE_COVERAGE:
                 outline, _ = fit_circle(points)
                 _check_disc(outline, points)
-            coverage = _coverage(outline, points)
-            given.append((outline, points, coverage))
+            given.append(TracedOutline(outline, points, _coverage(outline, points)))
     pictures = OutlineImages(values)
     plane = MirroredPlane(values, reduce_stack(values), camera)
-    circles = [
-        Ellipse(outline.centre_px, (outline.radius_px, outline.radius_px))
-        for outline, _, _ in given
-    ]
-    reaches = [mask_reach_px(circle.radius_px) for circle in circles]
+    circles = [Ellipse.circle(*one.outline.circle_px) for one in given]
+    reaches = [usual_reach_px(circle.radius_px) for circle in circles]
     near = confirmed_near(values, plane, circles, reaches)
     return [
-        sphere_in_mask(values, pictures, mirroring, *one)
+        sphere_in_mask(values, pictures, mirroring, one)
         for mirroring, one in zip(near, given, strict=True)
     ]
 
@@ -107,19 +107,15 @@ def circled_spheres(
                 f"a sphere circle at ({x:g}, {y:g}) px with radius {radius:g} px is invalid: give "
                 "finite numbers and a radius above 0"
             )
-        guesses.append(Ellipse((float(x), float(y)), (float(radius), float(radius))))
+        guesses.append(Ellipse.circle(x, y, radius))
     pictures = OutlineImages(values)
     plane = MirroredPlane(values, reduce_stack(values), camera)
     reaches = [max(4.0, 0.1 * guess.radius_px) for guess in guesses]
-    images = []
-    for guess, reach, mirroring in zip(
-        guesses, reaches, confirmed_near(values, plane, guesses, reaches), strict=True
-    ):
-        if mirroring is not None:
-            images.append(mirroring)
-            continue
-        images.append(_sphere(values, outline_near(pictures, guess, reach)))
-    return images
+    near = confirmed_near(values, plane, guesses, reaches)
+    return [
+        mirroring or _sphere(values, outline_near(pictures, guess, reach))
+        for guess, reach, mirroring in zip(guesses, reaches, near, strict=True)
+    ]
 
 
 def _sphere(values: Images, near: NearOutline) -> SphereImage:
@@ -151,18 +147,11 @@ def _check_disc(outline: Ellipse, points: Float64) -> None:
         )
 
 
-def mask_reach_px(radius_px: float) -> float:
-    """Return by how much the mask of a sphere may be wrong."""
-    return max(_REACH_PX, _REACH_SHARE * radius_px)
-
-
 def sphere_in_mask(
     values: Images,
     pictures: OutlineImages,
     mirroring: SphereImage | None,
-    outline: Ellipse,
-    points_px: Float64,
-    coverage: float,
+    mask: TracedOutline,
 ) -> SphereImage:
     """Return the sphere in a mask, with the outline of the images if the mask contradicts them.
 
@@ -181,63 +170,52 @@ def sphere_in_mask(
         The same images, in which edges are searched for.
     mirroring
         The sphere near the mask that mirrors the plane; None without one.
-    outline, points_px, coverage
-        Outline of the mask, as for `SphereImage`.
+    mask
+        Outline of the mask.
     """
+    outline = mask.outline
     highlights = find_highlights(values, outline)
     seen, mirrors, is_sure = _seen_near(values, pictures, mirroring, outline)
     painted = not mirrors and is_painted(values, outline, highlights)
-    given = SphereImage(outline, points_px, coverage, highlights, painted=painted)
+    given = SphereImage(outline, mask.points_px, mask.coverage, highlights, painted=painted)
     if seen is None:
-        own = painted_covariance(points_px, outline)
-        return replace(given, covariance_px2=own, unconfirmed=True)
+        return replace(given, covariance_px2=painted_covariance(mask), unconfirmed=True)
     if not is_sure and seen.covariance_px2 is not None:
         return _between(values, given, seen, seen.covariance_px2)
-    change = change_of(outline, seen.outline)
-    own = circle_covariance(points_px, outline)
-    both = own + (
-        circle_covariance(seen.points_px, seen.outline)
-        if seen.covariance_px2 is None
-        else seen.covariance_px2
-    )
-    chi_square = change @ np.linalg.solve(both, change)
-    if chi_square < _CHANCE:
+    change = outline.change_to(seen.outline)
+    of_seen = seen.covariance_px2
+    both = circle_covariance(mask) + (circle_covariance(seen) if of_seen is None else of_seen)
+    differ = chi_square(change, both)
+    if differ < CHANCE:
         return given
-    if chi_square < _SAME_OUTLINE or np.abs(change).max() < _SAME_PX:
-        covariance = own - np.eye(3) * OUTLINE_SIGMA_PX**2 + np.outer(change, change)
+    if differ < SAME_OUTLINE or np.abs(change).max() < _SAME_PX:
+        covariance = scatter_covariance(mask) + np.outer(change, change)
         return replace(given, covariance_px2=covariance)
     return replace(seen, mask_off_px=float(np.abs(change).max()), painted=painted)
 
 
-def painted_covariance(points_px: Float64, outline: Ellipse) -> Float64:
-    """Return the covariance ``(3, 3)`` of an outline that a person painted, in px^2.
+def painted_covariance(mask: TracedOutline) -> Float64:
+    """Return the covariance ``(3, 3)`` of the outline of a mask that a person painted, in px^2.
 
     Of centre x, centre y and radius. A hand that is off along a part of the outline is off as a
     whole, too: the scatter about a circle counts as an error of each. It does not show that a mask
     is shifted or too large; 3 px or 3 % of the radius, the largest errors, are three standard
     deviations.
-
-    Parameters
-    ----------
-    points_px
-        ``(M, 2)`` outline points of the mask.
-    outline
-        The ellipse that was fitted to them.
     """
-    radius = outline.radius_px
-    residuals = np.hypot(*(points_px - outline.centre_px).T) - radius
-    weights = tukey_weights(residuals, _FINEST_PX)
+    radius = mask.outline.radius_px
+    residuals = np.hypot(*(mask.points_px - mask.outline.centre_px).T) - radius
+    weights = tukey_weights(residuals, FINEST_PX)
     scatter = float(np.sum(weights * residuals**2) / np.sum(weights))
-    own_px = min(mask_reach_px(radius) / _REACH_SIGMAS, _PAINTED_SHARE * radius)
+    own_px = min(usual_reach_px(radius) / _REACH_SIGMAS, _PAINTED_SHARE * radius)
     return np.eye(3) * (own_px**2 + scatter)
 
 
 def _between(values: Images, given: SphereImage, seen: SphereImage, edges: Float64) -> SphereImage:
     """Return the mean of a mask and of an outline in the images, with the covariance ``edges``."""
-    mask = painted_covariance(given.points_px, given.outline)
-    change = change_of(given.outline, seen.outline)
+    mask = painted_covariance(given)
+    change = given.outline.change_to(seen.outline)
     both = mask + edges
-    if change @ np.linalg.solve(both, change) > _SAME_OUTLINE:
+    if chi_square(change, both) > SAME_OUTLINE:
         return replace(given, covariance_px2=mask + np.outer(change, change), unconfirmed=True)
     back = -edges @ np.linalg.solve(both, change)
     outline = seen.outline.moved(back)
@@ -270,7 +248,7 @@ def _seen_near(
     The other results are whether it mirrors the plane, and whether its outline is without doubt.
     """
     radius = outline.radius_px
-    reach = mask_reach_px(radius)
+    reach = usual_reach_px(radius)
     seen, is_sure = mirroring, True
     if seen is None:
         near = or_none(outline_near, pictures, outline, reach)
@@ -278,6 +256,6 @@ def _seen_near(
             return None, False, False
         is_sure = near.is_sharp
         seen = _sphere(values, near)
-    off = np.hypot(*np.subtract(seen.outline.centre_px, outline.centre_px))
-    far = max(float(off), abs(seen.outline.radius_px - radius)) > 1.5 * reach
+    off = outline.apart_px(seen.outline)
+    far = max(off, abs(seen.outline.radius_px - radius)) > 1.5 * reach
     return None if far else seen, mirroring is not None and not far, is_sure

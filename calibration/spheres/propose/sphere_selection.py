@@ -16,10 +16,9 @@ from calibration.spheres.highlights.spots import (
     reduce_stack,
     spot_clusters,
 )
-from calibration.spheres.outline.joint_search import change_of
 from calibration.spheres.outline.mirror_outline import outlined_mirror
 from calibration.spheres.outline.mirror_search import Mirror, find_mirror, outline_of
-from calibration.spheres.outline.outline import SHARP_PX
+from calibration.spheres.outline.outline import SHARP_PX, TracedOutline
 from calibration.spheres.outline.outline_confirmation import confirmed, in_all_images
 from calibration.spheres.outline.sphere_image import SAFE_COVERAGE, SphereImage, circles_of, places
 from calibration.spheres.outline.surroundings import MirroredPlane
@@ -323,8 +322,7 @@ def _ball_around(
             ball = find_mirror(plane, cluster, [edge.radius_px / _HORIZON])
             if ball is not None:
                 outline = outline_of(plane.camera, ball.ball)
-                offset = np.subtract(outline.centre_px, edge.centre_px)
-                if np.hypot(*offset) < _CONCENTRIC * outline.radius_px:
+                if edge.apart_px(outline) < _CONCENTRIC * outline.radius_px:
                     return ball
     return None
 
@@ -355,7 +353,7 @@ def sphere_out_of_focus(
         if not (around and expected(circle, radii_px)) or any(_near(circle, one) for one in tried):
             continue
         tried.append(circle)
-        rough = mirroring(values, circle, np.zeros((0, 2)), 0.0)
+        rough = mirroring(values, TracedOutline(circle, np.zeros((0, 2)), 0.0))
         sphere = None if rough is None else in_all_images(values, rough)
         if sphere is not None and sphere.coverage >= SAFE_COVERAGE:
             return sphere if expected(sphere.outline, radii_px) else None
@@ -364,4 +362,4 @@ def sphere_out_of_focus(
 
 def _near(a: Ellipse, b: Ellipse) -> bool:
     """Return whether two circles lead to the same outline."""
-    return float(np.abs(change_of(a, b)).max()) < _APART * b.radius_px
+    return float(np.abs(a.change_to(b)).max()) < _APART * b.radius_px

@@ -19,9 +19,7 @@ from calibration.spheres.solve.sphere_calibration import (
     SeenTogether,
     Sphere,
     SphereCalibration,
-    placed_spheres,
     rms_deg,
-    seen_spheres,
 )
 from calibration.spheres.solve.sphere_positions import COMMON_SHARE, common_error, systematic
 from rig import Notice
@@ -47,7 +45,7 @@ def orthographic_lights(shown: SeenTogether, warnings: list[Notice]) -> SphereCa
     common[:, 2] = [COMMON_SHARE**0.5 * image.systematic_px for image in shown.images]
     pairs = zip(shown.images, common, strict=True)
     own = [outline_covariance(image) - np.outer(shared, shared) for image, shared in pairs]
-    return _directions(shown, seen_spheres(shown.images), rays_of, own, common, warnings)
+    return _directions(shown, shown.spheres(), rays_of, own, common, warnings)
 
 
 def perspective_lights(
@@ -64,14 +62,12 @@ def perspective_lights(
         return reflected_rays(camera.rays(pixels), centres + change, 1.0)[1]
 
     if placed is None:
-        spheres = seen_spheres(shown.images)
         own = [cone.covariance + systematic(cone, camera) for cone in cones]
         common = np.array([common_error(cone, camera) for cone in cones])
     else:
-        spheres = placed_spheres(shown.images, placed.centres_mm, placed.radii_mm)
         own = [placed.covariance_mm2 / placed.radii_mm[0] ** 2]
         common = np.zeros((1, 3))
-    return _directions(shown, spheres, rays_of, own, common, warnings)
+    return _directions(shown, shown.spheres(placed), rays_of, own, common, warnings)
 
 
 def _directions(
@@ -120,7 +116,6 @@ def _directions(
     errors = LightErrors(covariances, spheres=seen.sum(axis=1))
     ids = tuple(names[k] for k in lights)
     found = Lights(directions=directions, ids=ids, errors=errors)
-    spheres = shown.numbered(spheres)
     return SphereCalibration(found, spheres, highlights, seen, residuals, tuple(warnings))
 
 

@@ -265,8 +265,7 @@ class Slopes:
     def weighted(self, sigma_px: Float64) -> System:
         """Return the normal equations with ``(N, K)`` standard deviations of the highlights."""
         n, k = sigma_px.shape
-        use = np.isfinite(sigma_px)
-        weight = np.where(use, sigma_px, np.inf)[..., None] ** -2.0 * np.ones(2)
+        weight = weights_of(sigma_px)
         of_centre = self.of_outlines.copy()
         blocks = np.einsum("nkia,nki,nkib->kab", self.by_centre, weight, self.by_centre)
         for j in range(k):
@@ -284,6 +283,12 @@ class Slopes:
             by_light=self.by_light,
             by_centre=self.by_centre,
         )
+
+
+def weights_of(sigma_px: Float64) -> Float64:
+    """Return the weights ``(N, K, 2)`` of highlights; 0 for those that do not count."""
+    sigma_px = np.where(np.isfinite(sigma_px), sigma_px, np.inf)
+    return np.asarray(sigma_px[..., None] ** -2.0 * np.ones(2))
 
 
 def slopes_at(seen: Observation, lights: Float64, centres: Float64) -> Slopes:

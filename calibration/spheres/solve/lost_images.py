@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from calibration._errors import EstimateError
-from calibration.radiance.stack import Images, RawStack
+from calibration.radiance.stack import Stack
 from calibration.spheres.outline.sphere_image import SphereImage, places
 from rig import Notice, pluralize
 from rig.arrays import Float64, Intp
@@ -72,12 +72,10 @@ class LostImages:
             raise _lost(f"{text}: {_AGAIN.format(it)}, or leave {it} out", names, lost)
 
 
-def blank_images(values: Images) -> LostImages:
+def blank_images(stack: Stack) -> LostImages:
     """Return images that are black or completely saturated, unless all are."""
-    if isinstance(values, RawStack):
-        peaks = np.array(values.peaks, np.float64)
-    else:
-        peaks = np.array([np.fmax.reduce(image, axis=None) for image in values], np.float64)
+    known = stack.peaks or [np.fmax.reduce(image, axis=None) for image in stack.values]
+    peaks = np.array(known, np.float64)
     white = np.isnan(peaks)
     if white.all():
         return LostImages()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +9,7 @@ import numpy as np
 from acquisition import Lights
 from calibration.spheres.geometry.ellipse import Ellipse
 from calibration.spheres.outline.sphere_image import SphereImage
+from calibration.spheres.solve.joint_refinement import KnownSpheres
 from rig import Notice, short_repr
 from rig.arrays import Bool, Float64
 
@@ -75,23 +75,6 @@ class SphereCalibration:
     __repr__ = short_repr
 
 
-def seen_spheres(images: Sequence[SphereImage]) -> tuple[Sphere, ...]:
-    """Return spheres that are only known from the images, without centre and radius."""
-    return tuple(Sphere(image.outline, image.coverage, image.rms_px) for image in images)
-
-
-def placed_spheres(
-    images: Sequence[SphereImage], centres_mm: Float64, radii_mm: Float64
-) -> tuple[Sphere, ...]:
-    """Return K spheres with centres ``(K, 3)`` and radii ``(K,)`` in the house frame."""
-    return tuple(
-        replace(sphere, centre_mm=(float(x), float(y), float(z)), radius_mm=float(radius))
-        for sphere, (x, y, z), radius in zip(
-            seen_spheres(images), centres_mm, radii_mm, strict=True
-        )
-    )
-
-
 @dataclass(frozen=True, eq=False)
 class SeenTogether:
     """Names of N lights; K spheres, the number of the recording of each, whether it was found.
@@ -117,10 +100,19 @@ class SeenTogether:
             found=[self.found[i] for i in kept],
         )
 
-    def numbered(self, spheres: tuple[Sphere, ...]) -> tuple[Sphere, ...]:
-        """Return results of the spheres with the numbers of their recordings."""
-        pairs = zip(spheres, self.of_recording, strict=True)
-        return tuple(replace(sphere, recording=k) for sphere, k in pairs)
+    def spheres(self, placed: KnownSpheres | None = None) -> tuple[Sphere, ...]:
+        """Return the results of the spheres, with centres and radii if they are placed."""
+        seen = tuple(
+            Sphere(image.outline, image.coverage, image.rms_px, recording=k)
+            for image, k in zip(self.images, self.of_recording, strict=True)
+        )
+        if placed is None:
+            return seen
+        known = zip(seen, placed.centres_mm.tolist(), placed.radii_mm.tolist(), strict=True)
+        return tuple(
+            replace(sphere, centre_mm=(x, y, z), radius_mm=radius)
+            for sphere, (x, y, z), radius in known
+        )
 
 
 def rms_deg(angle_deg: Float64, use: Bool) -> Float64:
