@@ -11,12 +11,12 @@ import numpy as np
 
 from acquisition import Lights
 from rig import in_threads
-from rig.arrays import Bool, Float32, Float64, Int8, Int64
+from rig.arrays import Bool, Float32, Float64, Int8
 from simulator.rendering.chrome import across
 from simulator.rendering.shadow import Occluders
 from simulator.rendering.trace import Seen
 from simulator.scene.clutter import BALL, BOX
-from simulator.scene.reflectance import reflect
+from simulator.scene.reflectance import BLOCK, reflect
 from simulator.scene.scene import Scene
 
 _BLOCK = 1024
@@ -145,8 +145,14 @@ class Shader:
     ) -> None:
         """Convert the irradiance from some lamps to radiance, in place."""
         scene = self.scene
-        reflect(
-            (scene.material, *(item.material for item in scene.clutter)),
+        materials = (scene.material, *(item.material for item in scene.clutter))
+        # The object's material is 0, then those of the clutter follow. Points of the board, and
+        # all that a sphere mirrors, count as Lambertian (-1).
+        index = np.where(seen.item >= 0, seen.item + 1, np.where(seen.on_object, 0, -1))
+        in_threads(
+            reflect,
+            -(-light.shape[1] // BLOCK),
+            np.array([each.lobes for each in materials], np.float64),
             light,
             self._lamps[lamps],
             scene.lights.near,
@@ -156,17 +162,8 @@ class Shader:
             scene.lens.eye_to(seen.points_mm),
             albedo,
             channel,
-            _materials(seen),
+            np.where(seen.direct, index, -1),
         )
-
-
-def _materials(seen: Seen) -> Int64:
-    """Return the index of each point's material: 0 the object's, then those of the clutter.
-
-    Points of the board, and all that a sphere mirrors, count as Lambertian (-1).
-    """
-    index = np.where(seen.item >= 0, seen.item + 1, np.where(seen.on_object, 0, -1))
-    return np.where(seen.direct, index, -1)
 
 
 def lamp_table(lights: Lights) -> Float64:

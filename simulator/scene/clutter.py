@@ -10,7 +10,7 @@ import numpy as np
 from acquisition import DataError
 from rig.arrays import Float64
 from simulator.scene.reflectance import Ggx, Lambert
-from simulator.shapes.patterns import Albedo, check_albedo, check_length
+from simulator.shapes.ranges import Albedo, check_albedo, check_length
 
 # First column of `clutter_table`.
 BALL, BOX = 0.0, 1.0

@@ -17,6 +17,7 @@ from acquisition import CameraModel, DataError
 from rig import short_repr
 from rig.arrays import Float64, Int64, Integer
 from simulator.scene.distortion import distorted, undistorted
+from simulator.shapes.ranges import check_positive, check_within
 
 _CFA_CHANNEL = {"R": 0, "G": 1, "B": 2}
 # Supported mosaics, by their first 2 x 2 pixels.
@@ -58,10 +59,7 @@ class Optics:
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        for name in ("f_number", "focal_length_mm", "focus_mm", "wavelength_um"):
-            value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value > 0):
-                raise DataError(f"lens: {name} is {value}, it must be positive")
+        check_positive("lens", **{k: v for k, v in vars(self).items() if v is not None})
 
     def circle_px(self, depth_mm: Float64, focus_mm: float, focal_px: float) -> Float64:
         """Return the diameters of the circles of confusion of points at depths.
@@ -134,10 +132,8 @@ class Lens:
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        if not 0 <= self.vignetting <= 1:
-            raise DataError(f"lens: vignetting is {self.vignetting}, it must be within 0..1")
-        if not (math.isfinite(self.psf_sigma_px) and self.psf_sigma_px > 0):
-            raise DataError(f"lens: psf_sigma_px is {self.psf_sigma_px}, it must be positive")
+        check_within("lens", 0, 1, vignetting=self.vignetting)
+        check_positive("lens", psf_sigma_px=self.psf_sigma_px)
         if self.cfa is not None and self.cfa not in CFAS:
             raise DataError(f"lens: cfa {self.cfa!r} is not one of {', '.join(CFAS)}")
         flat = (self.width, self.height, self.pixel_mm, self.height_mm)
@@ -159,11 +155,6 @@ class Lens:
             self._check_folds()
 
     @classmethod
-    def of(cls, camera: CameraModel, **more: Any) -> Lens:
-        """Return a perspective lens; ``more`` are fields of this class."""
-        return cls(camera=camera, **more)
-
-    @classmethod
     def orthographic(
         cls, width: int, height: int, pixel_mm: float, height_mm: float, **more: Any
     ) -> Lens:
@@ -176,12 +167,8 @@ class Lens:
                 f"lens: an image size of {self.width} x {self.height} pixels is invalid: give the "
                 "size of an orthographic lens, or a camera"
             )
-        for name in ("pixel_mm", "height_mm"):
-            value = getattr(self, name)
-            if value is None or not (math.isfinite(value) and value > 0):
-                raise DataError(
-                    f"lens: {name} is {value}, it must be positive for an orthographic lens"
-                )
+        what = "positive for an orthographic lens"
+        check_positive("lens", what=what, pixel_mm=self.pixel_mm, height_mm=self.height_mm)
 
     def _check_folds(self) -> None:
         if not self._brown.any():

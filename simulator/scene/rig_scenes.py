@@ -238,7 +238,7 @@ def scene_named(
     return Scene(
         body=body,
         lights=dome_lights(leds, seed=seed),
-        lens=Lens.of(bench_camera(width, height), sharp=sharp),
+        lens=Lens(bench_camera(width, height), sharp=sharp),
         noise=bench_sensor(),
         electrons_per_us=0.42,
         pattern=pattern,

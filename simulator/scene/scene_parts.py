@@ -262,7 +262,7 @@ def perspective(
         K = ((focal, 0.0, (width - 1) / 2), (0.0, focal, (height - 1) / 2), (0.0, 0.0, 1.0))
     camera = CameraModel(np.array(K), width, height, working_distance_mm, np.array(distortion))
     optics = Optics(f_number, focal_length_mm, focus_mm, wavelength_um)
-    return Lens.of(
+    return Lens(
         camera, vignetting=vignetting, psf_sigma_px=psf_sigma_px,
         optics=optics, sharp=sharp, cfa=cfa,
     )  # fmt: skip
@@ -281,7 +281,7 @@ def camera_file(
 ) -> Lens:
     """Return the lens of a camera file, which has an image size and a working distance."""
     optics = Optics(f_number, focal_length_mm, focus_mm, wavelength_um)
-    return Lens.of(
+    return Lens(
         read_camera(file), vignetting=vignetting, psf_sigma_px=psf_sigma_px,
         optics=optics, sharp=sharp, cfa=cfa,
     )  # fmt: skip

@@ -17,6 +17,7 @@ from rig import in_threads
 from rig.arrays import Bool, Float64
 from simulator.shapes.body import BodyHits, HeightGrid
 from simulator.shapes.field_trace import FieldBounds, meet_field
+from simulator.shapes.ranges import check_positive
 
 _WAVES = 24  # plane waves in band noise, enough to look isotropic
 _SAMPLES = 513  # samples along each side to find the extremes of a field
@@ -62,11 +63,7 @@ class Surface(ABC):
         self._positive("radius_mm", *self._lengths)
 
     def _positive(self, *names: str) -> None:
-        for name in names:
-            if getattr(self, name) <= 0:
-                raise DataError(
-                    f"{type(self).__name__}: {name} is {getattr(self, name)}, it must be positive"
-                )
+        check_positive(type(self).__name__, **{name: getattr(self, name) for name in names})
 
     @abstractmethod
     def evaluate(self, x_mm: Float64, y_mm: Float64) -> tuple[Float64, Float64, Float64]:

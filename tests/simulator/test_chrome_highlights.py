@@ -17,7 +17,7 @@ from simulator.rendering.shadow import Occluders
 from simulator.shapes import Even, SphericalCap
 from tests.quick_sample import quick
 
-LENS = Lens.of(bench_camera())  # its eye is at (0, 0, 600)
+LENS = Lens(bench_camera())  # its eye is at (0, 0, 600)
 EYE = np.array([0.0, 0.0, 600.0])
 SCENE = scene_named("spheres", width=320, height=256, seed=11, sharp=True)
 
@@ -154,8 +154,8 @@ def _wider(mask, by=6):
 FAR_CAMERA = bench_camera(640, 512)
 DISTORTED = CameraModel(FAR_CAMERA.K, 640, 512, 600.0, np.array([-0.9, 0.3, 0.01, -0.02, 0.0]))
 LENSES = [
-    pytest.param(Lens.of(FAR_CAMERA), id="pinhole"),
-    pytest.param(Lens.of(DISTORTED), id="distorted"),
+    pytest.param(Lens(FAR_CAMERA), id="pinhole"),
+    pytest.param(Lens(DISTORTED), id="distorted"),
     pytest.param(Lens.orthographic(640, 512, 0.458, 600.0), id="orthographic"),
 ]
 
@@ -287,7 +287,7 @@ def test_orthographic_view_of_distant_lights_in_closed_form():
 
 
 def test_distant_lights_are_the_limit_of_far_leds():
-    lens, directions = Lens.of(DISTORTED), dome_lights(9, seed=3).unit_directions
+    lens, directions = Lens(DISTORTED), dome_lights(9, seed=3).unit_directions
     distant = find_mirrored_lights(_bench(lens, lights=Lights(directions=directions)))
     far = find_mirrored_lights(_bench(lens, lights=Lights(positions_mm=1e7 * directions)))
     np.testing.assert_allclose(distant.pixels, far.pixels, atol=1e-3)
@@ -296,7 +296,7 @@ def test_distant_lights_are_the_limit_of_far_leds():
 
 def test_bayer_pixels_use_the_intensity_of_their_channel():
     lights = Lights(positions_mm=np.array([[100.0, 50, 400]]), intensities=np.array([[3.0, 2, 1]]))
-    grey, mosaic = (Lens.of(FAR_CAMERA, cfa=cfa, psf_sigma_px=3.0) for cfa in (None, "GRBG"))
+    grey, mosaic = (Lens(FAR_CAMERA, cfa=cfa, psf_sigma_px=3.0) for cfa in (None, "GRBG"))
     planes = np.zeros((2, 1, *grey.size), np.float32)
     for plane, lens in zip(planes, (grey, mosaic), strict=True):
         bench = _bench(lens, lights=lights)
@@ -335,7 +335,7 @@ def test_a_hill_hides_the_highlights_of_the_leds_behind_it():
 
 def test_a_highlight_that_the_distortion_folds_into_the_image_is_omitted():
     """A ball far outside the field, which Brown's polynomial folds back into the image."""
-    lens = Lens.of(CameraModel(FAR_CAMERA.K, 640, 512, 600.0, np.array([-1.5, 0, 0, 0, 0])))
+    lens = Lens(CameraModel(FAR_CAMERA.K, 640, 512, 600.0, np.array([-1.5, 0, 0, 0, 0])))
     # r - 1.5 r^3 is 0 at r = 0.816, and so would be the distance from the image's centre.
     away = ChromeSphere((0.816 * 560.0, 0.0, 40.0), 5.0)
     lights = Lights(positions_mm=np.array([[300.0, 50, 400]]))

@@ -45,7 +45,7 @@ def test_rays_end_on_a_ball_and_on_a_turned_box():
 
 
 def test_a_camera_sees_the_side_of_a_box():
-    lens = Lens.of(bench_camera(64, 50))
+    lens = Lens(bench_camera(64, 50))
     one = scene(Box((100, 0), (20, 30, 40), turn_deg=30.0), lens=lens)
     at = np.array([100 - 10 * np.cos(np.pi / 6), -5.0, 20.0])
     origin = np.array([[0.0, 0.0, 600.0]])
@@ -84,7 +84,7 @@ def test_gloss_adds_a_highlight():
 
 
 def test_clutter_hides_highlights_from_lights_and_camera():
-    lens = Lens.of(bench_camera(64, 50))
+    lens = Lens(bench_camera(64, 50))
     lights = Lights(positions_mm=np.array([[-300.0, 0, 300]]))
     ball = ChromeSphere((60, 0, 10), 10)
     open_ = scene(spheres=(ball,), lights=lights, lens=lens, board=Even(0.0))
@@ -97,7 +97,7 @@ def test_clutter_hides_highlights_from_lights_and_camera():
 
 
 def test_spheres_mirror_clutter():
-    lens = Lens.of(bench_camera(200, 160))
+    lens = Lens(bench_camera(200, 160))
     ball, beside = ChromeSphere((0, 0, 20), 20), Ball((45, 0, 20), 20, 0.9)
     lights = Lights(positions_mm=np.array([[-100.0, 200, 300]]))
     alone = scene(spheres=(ball,), lights=lights, lens=lens)

@@ -90,17 +90,17 @@ def _lights(*positions, **more):
             id="camera-in-a-sphere",
         ),
         pytest.param(
-            lambda: replace(COIN, lens=Lens.of(replace(COIN.camera, working_distance_mm=8.0))),
+            lambda: replace(COIN, lens=Lens(replace(COIN.camera, working_distance_mm=8.0))),
             "inside the object",
             id="camera-in-the-coin",
         ),
         pytest.param(
-            lambda: Lens.of(replace(COIN.camera, distortion=np.array([-5.0]))),
+            lambda: Lens(replace(COIN.camera, distortion=np.array([-5.0]))),
             "folds the image",
             id="folding-distortion",
         ),
         pytest.param(
-            lambda: Lens.of(CameraModel(COIN.camera.K, 64, 48)),
+            lambda: Lens(CameraModel(COIN.camera.K, 64, 48)),
             "working distance",
             id="no-working-distance",
         ),
