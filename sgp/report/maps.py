@@ -4,20 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 import acquisition
-import processing
 import rig
 from rig.arrays import AnyArray, Bool, Int64
 from sgp.pictures.crop import Crop
 from sgp.pictures.jumps import JUMP_DOWN
 from sgp.report.folder import ResultFolder
 from sgp.report.kinds import ALBEDO, HEIGHT, MASKS, NUMBERS, VECTORS, quantiser
-from sgp.report.large_maps import Values, known, large_normals, read_map
+from sgp.report.large_maps import Values, known, read_map, read_vectors
 from sgp.report.planes import Plane, Tile, tiles_of
 
 Read = tuple[str, Values, Bool]
@@ -254,25 +252,20 @@ def _read(folder: ResultFolder, max_pixels: int, notices: list[rig.Notice]) -> I
 
 def _vectors(folder: ResultFolder, max_pixels: int, notices: list[rig.Notice]) -> Iterable[Read]:
     """Yield the maps of directions; a folder without normals shows its detail as normals."""
-    paths = {name: _file(folder, name) for name in (*VECTORS, "detail")}
+    paths = {
+        name: folder.file(f"{name}.exr") or folder.file(f"{name}.png")
+        for name in (*VECTORS, "detail")
+    }
+    detail = paths.pop("detail")
     if paths["normals"] is None:
-        paths = {"normals": paths["detail"] or paths["shape"]}
+        paths = {"normals": detail or paths["shape"]}
     for name, path in paths.items():
-        if path is None or name not in VECTORS:
+        if path is None:
             continue
         try:
-            large = large_normals(folder, path, max_pixels)
-            if large is not None:
-                yield name, *large
-                continue
-            found = processing.read_normals(path, max_pixels=max_pixels).normal_map
-            yield name, found.normals, found.mask
+            yield name, *read_vectors(path, max_pixels)
         except acquisition.DataError as error:
             notices.append(_unreadable(error))
-
-
-def _file(folder: ResultFolder, name: str) -> Path | None:
-    return folder.file(f"{name}.exr") or folder.file(f"{name}.png")
 
 
 def _unreadable(error: Exception) -> rig.Notice:

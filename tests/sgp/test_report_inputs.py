@@ -194,7 +194,7 @@ def test_a_recording_without_a_result_is_shown(sgp, recorded, tmp_path):
 def test_the_contact_sheet_names_exposures_and_rejected_images(tmp_path):
     def image(name, **others):
         given = {"light_id": name, "role": "light", "exposure_us": 20_000.0, "status": "kept"}
-        return Image(name=f"{name}.tif", known=True, jpeg="AAAA", **given | others)
+        return Image(name=f"{name}.tif", known=True, source="AAAA", **given | others)
 
     images = [
         image("L00"),
