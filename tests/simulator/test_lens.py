@@ -206,25 +206,3 @@ def test_window_contains_every_pixel_whose_ray_hits_the_ball(lens, centre, radiu
 def test_window_of_a_ball_outside_the_image_is_empty(lens):
     rows, columns = lens.window((400.0, 0.0, 20.0), 20.0)
     assert rows.stop <= rows.start or columns.stop <= columns.start
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        pytest.param(lambda: Lens(), "pixels is invalid", id="nothing"),
-        pytest.param(lambda: Lens.orthographic(0, 5, 1, 1), "pixels is invalid", id="no-width"),
-        pytest.param(lambda: Lens.orthographic(5, 5, -1, 1), "pixel_mm is -1", id="pixel"),
-        pytest.param(lambda: Lens.orthographic(5, 5, 1, np.nan), "height_mm is nan", id="height"),
-        pytest.param(lambda: Lens(bench_camera(), width=3), "one or the other", id="both"),
-        pytest.param(
-            lambda: Lens(CameraModel(K, 64, 64)), "give working_distance_mm", id="distance"
-        ),
-        pytest.param(lambda: Lens(bench_camera(), vignetting=1.2), "within 0..1", id="dim"),
-        pytest.param(lambda: Lens(bench_camera(), psf_sigma_px=0), "positive", id="blur"),
-        pytest.param(lambda: Lens(bench_camera(), cfa="RGB"), "not one of RGGB", id="cfa"),
-    ],
-)
-def test_an_invalid_lens_is_reported_in_one_line(make, message):
-    with pytest.raises(DataError, match=message) as caught:
-        make()
-    assert "\n" not in str(caught.value)

@@ -8,7 +8,7 @@ from scipy.ndimage import gaussian_filter
 from scipy.optimize import least_squares
 from scipy.special import ndtr
 
-from acquisition import DataError, Lights
+from acquisition import Lights
 from simulator import ChromeSphere, Lens, Scene, bench_camera, bench_sensor, render, scene_named
 from simulator.rendering import find_mirrored_lights
 from simulator.rendering.blur import blur
@@ -148,26 +148,6 @@ def test_the_colours_of_a_mosaic_do_not_mix():
     plane = render(scene(lens, red, clutter=(box,))).planes[0]
     assert plane[::2, ::2].min() > 0
     assert max(plane[1::2].max(), plane[::2, 1::2].max()) < 1e-8
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: Optics(f_number=0.0), "f_number"),
-        (lambda: Optics(focus_mm=float("nan")), "focus_mm"),
-        (
-            lambda: Lens(CAMERA, sharp=False, optics=Optics(focus_mm=10.0)),
-            "within the focal length",
-        ),
-        (
-            lambda: render(scene(Lens(CAMERA, sharp=False, optics=Optics(0.02, focus_mm=300.0)))),
-            "out of focus by",
-        ),
-    ],
-)
-def test_impossible_optics_are_refused(make, message):
-    with pytest.raises(DataError, match=message):
-        make()
 
 
 def through_an_aperture(scene, fine=8):
