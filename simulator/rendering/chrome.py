@@ -11,7 +11,6 @@ import numpy as np
 from rig import in_threads, short_repr
 from rig.arrays import Bool, Float32, Float64
 from simulator.rendering.shadow import Occluders
-from simulator.scene.clutter import BALL, BOX
 from simulator.scene.lens import Lens
 from simulator.scene.scene import ChromeSphere, Scene
 
@@ -203,13 +202,11 @@ def _mirrored(
 
 def _behind_clutter(scene: Scene, points: Float64) -> Bool:
     """Return which points of a sphere clutter hides from the camera."""
-    clutter, lens = scene.clutter_table, scene.lens
-    balls, boxes = clutter[clutter[:, 0] == BALL], clutter[clutter[:, 0] == BOX]
-    eye = [0.0, 0.0, lens.camera_z_mm if lens.camera else 1.0]
+    near = scene.lens.camera is not None
+    eye = np.array([[[0.0, 0.0, scene.lens.camera_z_mm if near else 1.0]]])
     even, solid = np.ones((1, len(points)), np.float32), np.zeros(len(points), np.bool_)
-    objects = Occluders(balls[:, 1:5], None, boxes[:, 1:])
-    near = lens.camera is not None
-    hidden: Bool = objects.occlude(even, points, points, solid, np.array([[eye]]), near)[0]
+    objects = Occluders.of(scene.clutter_table, None)
+    hidden: Bool = objects.occlude(even, points, points, solid, eye, near)[0]
     return hidden
 
 

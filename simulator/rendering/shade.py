@@ -15,7 +15,6 @@ from rig.arrays import Bool, Float32, Float64, Int8
 from simulator.rendering.chrome import across
 from simulator.rendering.shadow import Occluders
 from simulator.rendering.trace import Seen
-from simulator.scene.clutter import BALL, BOX
 from simulator.scene.reflectance import BLOCK, reflect
 from simulator.scene.scene import Scene
 
@@ -53,10 +52,7 @@ class Shader:
         scene, caster = self.scene, None
         if scene.body is not None and scene.shadows:
             caster = scene.body.shadow_caster(self.shadow_step_mm)
-        clutter = scene.clutter_table
-        balls, boxes = clutter[clutter[:, 0] == BALL], clutter[clutter[:, 0] == BOX]
-        round_ = np.concatenate([scene.sphere_table[:, :4], balls[:, 1:5]])
-        return Occluders(round_, caster, boxes[:, 1:])
+        return Occluders.of(scene.clutter_table, caster, scene.sphere_table[:, :4])
 
     def shade(self, seen: Seen, albedo: Float32, channel: Int8) -> tuple[Float32, Float32, Bool]:
         """Return the radiance of points toward the camera.

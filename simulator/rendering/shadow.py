@@ -16,6 +16,7 @@ import numpy as np
 from rig import in_threads
 from rig.arrays import Bool, Float32, Float64
 from simulator.rendering.shadow_kernels import BLOCK, TILE, WALL, block
+from simulator.scene.clutter import BALL, BOX
 from simulator.shapes.body import HeightGrid
 from simulator.shapes.bvh import TriangleTree
 
@@ -46,6 +47,14 @@ class Occluders:
     spheres: Float64
     body: HeightGrid | TriangleTree | None
     boxes: Float64 = field(default_factory=lambda: np.zeros((0, 8)))
+
+    @classmethod
+    def of(
+        cls, clutter: Float64, body: HeightGrid | TriangleTree | None, *spheres: Float64
+    ) -> Occluders:
+        """Return the objects of a `clutter_table`, a body, and rows of spheres before its balls."""
+        balls, boxes = clutter[clutter[:, 0] == BALL], clutter[clutter[:, 0] == BOX]
+        return cls(np.concatenate([*spheres, balls[:, 1:5]]), body, boxes[:, 1:])
 
     def occlude(
         self,
