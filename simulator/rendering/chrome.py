@@ -135,12 +135,6 @@ def draw_mirrored_lights(
         in_threads(_draw, len(planes), planes, spots, shares, gains, sigma, top)
 
 
-def splat(plane: Float32, x_px: float, y_px: float, sigma: float, sum_: float) -> None:
-    """Add a Gaussian spot, integrated over each pixel, whose pixels have the sum ``sum_``."""
-    spot, share = np.array([[[x_px, y_px]]]), np.array([[sum_]])
-    _draw(0, 1, plane[None], spot, share, np.ones((1, 2, 2)), sigma, 0)
-
-
 def _mirrored(
     scene: Scene, disc_mm: Float64, occluders: Occluders | None
 ) -> tuple[Float64, Float64, Float64, Float64]:
