@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Final
 
 import acquisition
@@ -18,20 +19,34 @@ _NOT_GIVEN: Final[tuple[object, ...]] = (None, False, [], "")
 _SEVERITIES: Final = {"error": "Error", "warning": "Warning", "info": "Note"}
 
 
-def sections(
-    number: int,
-    folder: ResultFolder,
-    embedded: Embedded | None,
-    recording: Recording,
-    notices: Sequence[rig.Notice],
-    heading: str,
-) -> list[Html]:
-    """Return the sections about a result; ``heading`` names it if there are several.
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A result on the page, or a map that one was computed from (without a folder).
 
     ``notices`` are those besides the ones of its records.
     """
-    noted = [*notices, *(one for record in folder.records.values() for one in record.notices)]
-    planes = embedded.planes.values() if embedded else ()
+
+    number: int
+    name: str
+    maps: Embedded | None
+    folder: ResultFolder | None = None
+    recording: Recording = field(default_factory=Recording)
+    notices: list[rig.Notice] = field(default_factory=list)
+
+    @property
+    def identities(self) -> Sequence[acquisition.Identity]:
+        """What the recordings were of: by the records, or by the recording that is still there."""
+        stated = () if self.folder is None else self.folder.recordings
+        return stated or self.recording.identities
+
+
+def sections(part: Part, heading: str) -> list[Html]:
+    """Return the sections about a result; ``heading`` names it if there are several."""
+    folder, recording, number = part.folder, part.recording, part.number
+    if folder is None:
+        return []
+    noted = [*part.notices, *(one for record in folder.records.values() for one in record.notices)]
+    planes = part.maps.planes.values() if part.maps else ()
     lead = tag("p", "Colour scales leave out .5 % of the pixels at each end.", class_="lead")
     maps = lead, tag("div", id=f"maps-{number}", class_="maps")
     lights = recording.lights

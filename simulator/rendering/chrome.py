@@ -11,7 +11,7 @@ import numpy as np
 from rig import in_threads, short_repr
 from rig.arrays import Bool, Float32, Float64
 from simulator.rendering.shadow import Occluders
-from simulator.scene.lens import Lens
+from simulator.scene.lens import Lens, across
 from simulator.scene.scene import ChromeSphere, Scene
 
 _MOST_RINGS = 16
@@ -400,11 +400,3 @@ def between(start: Float64, way: Float64, length: Float64 | float, sphere: Chrom
     t = np.clip(((middle - start) * way).sum(axis=1), 0.0, length)
     inside: Bool = np.linalg.norm(start + t[:, None] * way - middle, axis=1) < sphere.radius_mm
     return inside
-
-
-def across(axes: Float64) -> tuple[Float64, Float64]:
-    """Return two unit vectors at right angles to each axis and to each other."""
-    helper = np.where(np.abs(axes[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
-    first = np.cross(axes, helper)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return first, np.cross(axes, first)

@@ -12,9 +12,9 @@ import numpy as np
 from acquisition import Lights
 from rig import in_threads
 from rig.arrays import Bool, Float32, Float64, Int8
-from simulator.rendering.chrome import across
 from simulator.rendering.shadow import Occluders
 from simulator.rendering.trace import Seen
+from simulator.scene.lens import across
 from simulator.scene.reflectance import BLOCK, reflect
 from simulator.scene.scene import Scene
 

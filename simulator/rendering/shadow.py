@@ -98,7 +98,8 @@ class Occluders:
             if len(self.spheres) or len(self.boxes) or isinstance(self.body, HeightGrid):
                 self._block(blocked, points_mm, solid, toward, near)
             if isinstance(self.body, TriangleTree):
-                _block_by_mesh(self.body, blocked, points_mm, normals, solid, toward, near)
+                lifted = points_mm + _LIFT_MM * normals
+                _block_by_mesh(self.body, blocked, lifted, solid, toward, near)
             seen += ~blocked
         light *= seen * np.float32(1 / parts)
         return np.asarray(2 * seen < parts, np.bool_)
@@ -180,15 +181,8 @@ def lowered(grid: HeightGrid) -> Float32:
 
 
 def _block_by_mesh(
-    tree: TriangleTree,
-    blocked: Bool,
-    points: Float64,
-    normals: Float64,
-    solid: Bool,
-    lamps: Float64,
-    near: bool,
+    tree: TriangleTree, blocked: Bool, lifted: Float64, solid: Bool, lamps: Float64, near: bool
 ) -> None:
-    lifted = points + _LIFT_MM * normals
     for shaded, lamp in zip(blocked, lamps, strict=True):
         ask = np.flatnonzero(~shaded & solid)
         start = lifted[ask]

@@ -29,6 +29,14 @@ _OUTLINE = 256
 _AIRY = 0.42
 
 
+def across(axes: Float64) -> tuple[Float64, Float64]:
+    """Return two unit vectors at right angles to each axis ``(n, 3)`` and to each other."""
+    helper = np.where(np.abs(axes[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+    first = np.cross(axes, helper)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return first, np.cross(axes, first)
+
+
 @dataclass(frozen=True)
 class Optics:
     """Aperture and focus of a perspective lens.
@@ -296,11 +304,9 @@ class Lens:
         sine = 0.0
         if self.camera is not None:
             sine = radius_mm / float(np.linalg.norm([*centre[:2], self.camera_z_mm - centre[2]]))
-        helper = [1.0, 0.0, 0.0] if abs(toward[0]) < 0.9 else [0.0, 1.0, 0.0]
-        first = np.cross(toward, helper)
-        first /= np.linalg.norm(first)
-        angle = np.arange(_OUTLINE) * (2 * math.pi / _OUTLINE)
-        around = np.outer(np.cos(angle), first) + np.outer(np.sin(angle), np.cross(toward, first))
+        first, second = across(toward[None])
+        angle = np.arange(_OUTLINE)[:, None] * (2 * math.pi / _OUTLINE)
+        around = np.cos(angle) * first + np.sin(angle) * second
         circle = radius_mm * (sine * toward + math.sqrt(max(1 - sine**2, 0.0)) * around)
         pixels = self.project(centre + circle)
         rows, columns = self.size
