@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -13,7 +14,7 @@ import rig
 from rig.arrays import AnyArray, Bool, Int64
 from sgp.pictures.crop import Crop
 from sgp.pictures.jumps import JUMP_DOWN
-from sgp.report.folder import ResultFolder
+from sgp.report.folder import ResultFolder, noted
 from sgp.report.kinds import ALBEDO, HEIGHT, MASKS, NUMBERS, VECTORS, quantiser
 from sgp.report.large_maps import Values, known, read_map, read_vectors
 from sgp.report.planes import Plane, Tile, tiles_of
@@ -94,13 +95,10 @@ class FolderMaps:
     def jumps(self) -> AnyArray | None:
         """Return jumps.png, if there is one."""
         path = self.folder.file("jumps.png")
-        if path is None:
-            return None
-        try:
-            return acquisition.read_image(path, max_pixels=self._max_pixels)
-        except acquisition.DataError as error:
-            self.notices.append(_unreadable(error))
-            return None
+        if path is not None:
+            with _noted(self.notices):
+                return acquisition.read_image(path, max_pixels=self._max_pixels)
+        return None
 
 
 def embed(maps: FolderMaps, most_pixels: float, *, full: bool = False) -> Embedded | None:
@@ -124,10 +122,8 @@ def embed(maps: FolderMaps, most_pixels: float, *, full: bool = False) -> Embedd
             notices.append(rig.Notice("map-unreadable", text))
             continue
         own = _unit(name, folder, unit if pixel_size is not None else "px")
-        try:
+        with _noted(notices):
             planes |= _planes(name, values, mask, crop, own, tiles if full else None)
-        except acquisition.DataError as error:
-            notices.append(_unreadable(error))
     if planes and not (folder.records or folder.notices):
         text = (
             f"{folder.path}: has no record: sizes, figures and parameters are not known; the "
@@ -238,16 +234,13 @@ def _read(folder: ResultFolder, max_pixels: int, notices: list[rig.Notice]) -> I
         path = folder.file(kind.file)
         if path is None:
             continue
-        try:
+        with _noted(notices):
             values = read_map(path, max_pixels)
             inside = mask
             if inside is None or inside.shape != values.shape[:2]:
                 # Maps of numbers are NaN outside the object.
                 inside = known(values)
-        except acquisition.DataError as error:
-            notices.append(_unreadable(error))
-            continue
-        yield name, values, inside
+            yield name, values, inside
 
 
 def _vectors(folder: ResultFolder, max_pixels: int, notices: list[rig.Notice]) -> Iterable[Read]:
@@ -262,14 +255,11 @@ def _vectors(folder: ResultFolder, max_pixels: int, notices: list[rig.Notice]) -
     for name, path in paths.items():
         if path is None:
             continue
-        try:
+        with _noted(notices):
             yield name, *read_vectors(path, max_pixels)
-        except acquisition.DataError as error:
-            notices.append(_unreadable(error))
 
 
-def _unreadable(error: Exception) -> rig.Notice:
-    return rig.Notice("map-unreadable", str(error), severity="error")
+_noted = partial(noted, code="map-unreadable", severity="error")
 
 
 def _unit(name: str, folder: ResultFolder, unit: str) -> str:

@@ -14,7 +14,7 @@ import acquisition
 import rig
 from rig.arrays import AnyArray, Float32, Int64
 from sgp.pictures.crop import Crop
-from sgp.report.folder import Inputs, ResultFolder, changed_notice
+from sgp.report.folder import Inputs, ResultFolder, changed_notice, noted
 from sgp.report.maps import Embedded
 from sgp.report.prerendered import jpeg, reduced
 from sgp.results.recordings import recordings_of
@@ -139,11 +139,9 @@ def _lights(
     if inputs.state(path) == "changed":
         notices.append(changed_notice([path], "the lights are not shown"))
         return None
-    try:
+    with noted(notices, "recording-unreadable", "the lights are not shown: "):
         return acquisition.read_lights(path)
-    except (acquisition.DataError, acquisition.MissingPathError) as error:
-        notices.append(rig.Notice("recording-unreadable", f"the lights are not shown: {error}"))
-        return None
+    return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,16 +240,13 @@ def _images(
     pictures: list[tuple[_Shot, Float32]] = []
     bright: dict[float | None, float] = {}
     for shot in shots:
-        try:
+        with noted(notices, "recording-unreadable"):
             part = shot.read()[region.rows, region.columns]
-        except (acquisition.DataError, acquisition.MissingPathError) as error:
-            notices.append(rig.Notice("recording-unreadable", str(error)))
-            continue
-        signal = (reduced(part, _SIDE_PX) - source.black_level) / span
-        picture = source.transfer.light(signal).astype(np.float32)
-        pictures.append((shot, picture))
-        key = shot.frame.exposure_us
-        bright[key] = max(bright.get(key, 1e-6), float(np.percentile(picture, _BRIGHT)))
+            signal = (reduced(part, _SIDE_PX) - source.black_level) / span
+            picture = source.transfer.light(signal).astype(np.float32)
+            pictures.append((shot, picture))
+            key = shot.frame.exposure_us
+            bright[key] = max(bright.get(key, 1e-6), float(np.percentile(picture, _BRIGHT)))
     found = []
     for shot, picture in pictures:
         frame = shot.frame

@@ -6,11 +6,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-import acquisition
 import rig
 from rig.arrays import Bool
 from sgp.cli.options import Green
-from sgp.report.folder import Inputs, ResultFolder, changed_notice
+from sgp.report.folder import Inputs, ResultFolder, changed_notice, noted
 from sgp.report.large_maps import Values, read_vectors
 from sgp.results.record import ResultRecord
 
@@ -70,11 +69,8 @@ def companions(
 def _read(
     name: str, path: Path, green: Green, max_pixels: int, notices: list[rig.Notice]
 ) -> Iterator[Companion]:
-    try:
+    with noted(notices, "map-unreadable", f"“{name.partition(':')[0]}” is not shown: "):
         yield name, *read_vectors(path, max_pixels, green)
-    except (acquisition.DataError, acquisition.MissingPathError) as error:
-        title = name.partition(":")[0]
-        notices.append(rig.Notice("map-unreadable", f"“{title}” is not shown: {error}"))
 
 
 def _green(record: ResultRecord, parameter: str) -> Green:
