@@ -126,12 +126,9 @@ class _Process:
 
 def serve(leds: int, *, prints_events: bool = False) -> None:
     """Open a pty, print its path, and run the board until the parent no longer needs it."""
-    folder = OwnedFolder("sgp-board-")
-    try:
-        with contextlib.suppress(KeyboardInterrupt):
-            _Process(leds, folder.path, prints_events=prints_events).run()
-    finally:
-        folder.close()
+    folder = contextlib.closing(OwnedFolder("sgp-board-"))
+    with folder as owned, contextlib.suppress(KeyboardInterrupt):
+        _Process(leds, owned.path, prints_events=prints_events).run()
 
 
 def _print_line(content: object) -> None:

@@ -7,9 +7,10 @@ import math
 import mmap
 import shutil
 from collections.abc import Callable, Collection
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Self, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -158,7 +159,7 @@ class GentlDevice:
     temperature_c: float = 40.0
 
 
-class GentlCamera:
+class GentlCamera(AbstractContextManager["GentlCamera"]):
     """A virtual GenICam camera: a folder with a GenTL producer and the images it sees.
 
     Any GenICam program can open its ``cti``. It has the same sensor and light as `VirtualCamera`
@@ -332,9 +333,6 @@ class GentlCamera:
         if self._owned.open:
             self._control.close()
             self._owned.close()
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -6,9 +6,9 @@ import math
 import shutil
 import tempfile
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from functools import cached_property
 from pathlib import Path
-from typing import Self
 
 import numpy as np
 
@@ -34,7 +34,7 @@ _STORED_PER_LIGHT, _STORED_PER_PIXEL, _STORED_AT_WORK = 10, 150, 2**27
 _MEMORY_BYTES = 2**30
 
 
-class StoredRendering:
+class StoredRendering(AbstractContextManager["StoredRendering"]):
     """A rendering in temporary files, from `render_stored`; use it as a context manager.
 
     Attributes
@@ -129,9 +129,6 @@ class StoredRendering:
         """Remove the temporary files."""
         for file in self._files:
             file.close()
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
