@@ -11,7 +11,7 @@ import numpy as np
 from rig import in_threads, short_repr
 from rig.arrays import Bool, Float32, Float64
 from simulator.rendering.shadow import Occluders
-from simulator.scene.lens import Lens, across
+from simulator.scene.lens import Lens, directions_across
 from simulator.scene.scene import ChromeSphere, Scene
 
 _MOST_RINGS = 16
@@ -147,7 +147,7 @@ def _mirrored(
     """
     lens, lights, near, samples = scene.lens, scene.lights, scene.lights.near, len(disc_mm)
     axes = np.repeat(np.asarray(lights.axes), samples, axis=0)
-    first, second = across(axes)
+    first, second = directions_across(axes)
     places = np.asarray(lights.positions_mm if near else lights.directions)
     targets = np.repeat(places, samples, axis=0)
     power, mu = scene.irradiance, np.repeat(np.asarray(lights.mu), samples)

@@ -14,7 +14,7 @@ from rig import in_threads
 from rig.arrays import Bool, Float32, Float64, Int8
 from simulator.rendering.shadow import Occluders
 from simulator.rendering.trace import Seen
-from simulator.scene.lens import across
+from simulator.scene.lens import directions_across
 from simulator.scene.reflectance import BLOCK, reflect
 from simulator.scene.scene import Scene
 
@@ -183,7 +183,7 @@ def lamp_parts(lights: Lights, radius_mm: float, count: int) -> Float64:
     places = np.asarray(lights.positions_mm if lights.near else lights.directions)
     if count == 1:
         return places[:, None].copy()
-    first, second = across(np.asarray(lights.axes))
+    first, second = directions_across(np.asarray(lights.axes))
     index = np.arange(count)
     reach = radius_mm * np.sqrt((index + 0.5) / count)
     u, v = reach * np.cos(index * _GOLDEN_ANGLE), reach * np.sin(index * _GOLDEN_ANGLE)

@@ -52,7 +52,7 @@ class Occluders:
     def of(
         cls, clutter: Float64, body: HeightGrid | TriangleTree | None, *spheres: Float64
     ) -> Occluders:
-        """Return the objects of a `clutter_table`, a body, and rows of spheres before its balls."""
+        """Return the objects of `Scene.clutter_table`, a body, and rows of spheres before balls."""
         balls, boxes = clutter[clutter[:, 0] == BALL], clutter[clutter[:, 0] == BOX]
         return cls(np.concatenate([*spheres, balls[:, 1:5]]), body, boxes[:, 1:])
 

@@ -14,7 +14,7 @@ from rig.arrays import Bool, Float64, Int64
 from simulator.scene.clutter import BALL
 from simulator.scene.scene import Scene
 
-# Compiled in: simulator/scene/clutter.py 84f566cabde9
+# Compiled in: simulator/scene/clutter.py 1dcce88b9e5d
 
 _BOUNCES = 4
 # Steps of the search for the relief of the board. Each one divides the error by the product of the

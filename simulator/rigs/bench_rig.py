@@ -10,10 +10,10 @@ from rig import Board, Camera, Rig, RigConfig, RigConfigError
 from rig.arrays import Float32
 from rig.genicam import open_genicam
 from simulator.bench.state import BenchState
-from simulator.bench.wiring import Wiring
+from simulator.bench.wiring import Planes, Wiring
 from simulator.camera.gentl_camera import GentlCamera, GentlDevice
 from simulator.camera.sensor import ImageFormation, pixel_format
-from simulator.camera.virtual_camera import Planes, VirtualCamera
+from simulator.camera.virtual_camera import VirtualCamera
 from simulator.gentl import CompilerError, build
 from simulator.led_board.virtual_board import VirtualBoard
 

@@ -29,7 +29,7 @@ _OUTLINE = 256
 _AIRY = 0.42
 
 
-def across(axes: Float64) -> tuple[Float64, Float64]:
+def directions_across(axes: Float64) -> tuple[Float64, Float64]:
     """Return two unit vectors at right angles to each axis ``(n, 3)`` and to each other."""
     helper = np.where(np.abs(axes[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
     first = np.cross(axes, helper)
@@ -304,7 +304,7 @@ class Lens:
         sine = 0.0
         if self.camera is not None:
             sine = radius_mm / float(np.linalg.norm([*centre[:2], self.camera_z_mm - centre[2]]))
-        first, second = across(toward[None])
+        first, second = directions_across(toward[None])
         angle = np.arange(_OUTLINE)[:, None] * (2 * math.pi / _OUTLINE)
         around = np.cos(angle) * first + np.sin(angle) * second
         circle = radius_mm * (sine * toward + math.sqrt(max(1 - sine**2, 0.0)) * around)

@@ -11,7 +11,7 @@ import numpy as np
 from acquisition import CameraModel, DataError, Lights, NoiseModel
 from rig import pluralize
 from rig.arrays import Bool, Float32, Float64, Int64
-from simulator.scene.clutter import Ball, Clutter, clutter_table
+from simulator.scene.clutter import Ball, Clutter
 from simulator.scene.lamps import Lamps
 from simulator.scene.lens import Lens
 from simulator.scene.reflectance import Lambert, Material
@@ -286,8 +286,8 @@ class Scene:
 
     @property
     def clutter_table(self) -> Float64:
-        """``(C, 9)`` rows, see `clutter_table`."""
-        return clutter_table(self.clutter)
+        """``(C, 9)`` kind, centre, radius or half edges, cosine and sine of the turn."""
+        return np.array([item.row for item in self.clutter], np.float64).reshape(-1, 9)
 
     def relief_at(self, x_mm: Float64, y_mm: Float64) -> tuple[Float64, Float64]:
         """Return height ``(n,)`` and unit normals ``(n, 3)`` of the board's surface."""
