@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numba
 import numpy as np
@@ -186,23 +186,17 @@ class Surface(ABC):
 
 
 def drawn(
-    draw: Callable[[Float64, Float64, Float64], None],
-    x_mm: Float64,
-    y_mm: Float64,
-    unit_mm: float = 1.0,
+    kernel: Callable[..., None], x_mm: Float64, y_mm: Float64, *figure: Any, unit_mm: float = 1.0
 ) -> Float64:
     """Return ``(3, ...)`` height and gradient of a kernel at positions x and y of one shape.
 
-    ``draw`` receives x and y, ``(n,)`` in units of ``unit_mm``, and an array of zeros ``(3, n)``
-    for its result.
+    The kernel receives x and y, ``(n,)`` in units of ``unit_mm``, the figure that it draws, and an
+    array of zeros ``(3, n)`` for its result.
     """
     x, y = np.broadcast_arrays(x_mm, y_mm)
     out = np.zeros((3, x.size))
-    draw(
-        np.ascontiguousarray(x, np.float64).ravel() / unit_mm,
-        np.ascontiguousarray(y, np.float64).ravel() / unit_mm,
-        out,
-    )
+    places = (np.ascontiguousarray(v, np.float64).ravel() / unit_mm for v in (x, y))
+    in_threads(kernel, x.size, *places, *figure, out)
     return out.reshape(3, *x.shape)
 
 
@@ -322,11 +316,7 @@ class BandNoise(Surface):
         """Return height and gradient at positions, see `Surface`."""
         waves = random_waves(self.wavelength_mm, self.seed, _WAVES)
         gain = self.rms_mm * math.sqrt(2 / _WAVES)
-
-        def draw(x: Float64, y: Float64, out: Float64) -> None:
-            in_threads(add_waves, len(x), x, y, waves, gain, out)
-
-        z, zx, zy = drawn(draw, x_mm, y_mm)
+        z, zx, zy = drawn(add_waves, x_mm, y_mm, waves, gain)
         return self.height_mm + z, zx, zy
 
     @cached_property
