@@ -110,10 +110,6 @@ def test_closing_ends_the_boards_process(monkeypatch):
             os.kill(board.pid, 0)
 
 
-def without_a_compiler(monkeypatch):
-    monkeypatch.setenv("CC", "no-such-compiler")
-
-
 @pytest.mark.parametrize("kind", ["auto", "gentl"])
 def test_the_camera_is_behind_a_genicam_producer(kind):
     with started(camera=kind) as rig:
@@ -132,7 +128,7 @@ def test_the_rigs_camera_has_the_depth_of_its_sensor(depth, cfa):
 
 
 def test_without_a_compiler_the_camera_is_inside_and_its_model_names_the_reason(monkeypatch):
-    without_a_compiler(monkeypatch)
+    monkeypatch.setenv("CC", "no-such-compiler")
     with started() as rig:
         assert isinstance(rig.camera, VirtualCamera)
         assert rig.camera.info.model.startswith("virtual camera in Python (")
