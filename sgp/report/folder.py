@@ -90,15 +90,23 @@ class ResultFolder:
         return next((value for value in values if value is not None), None)
 
 
+# Of the notices about files that cannot be read.
+_CODES: Final[dict[str, str]] = {
+    "record": "record-unreadable",
+    "map": "map-unreadable",
+    "recording": "recording-unreadable",
+}
+
+
 @contextmanager
 def noted(
-    notices: list[rig.Notice], code: str, what: str = "", *, severity: rig.Severity = "warning"
+    notices: list[rig.Notice], kind: str, what: str = "", *, severity: rig.Severity = "warning"
 ) -> Iterator[None]:
-    """Note the error of a file that cannot be read; ``what`` is before its text."""
+    """Note the error of a file of some kind that cannot be read; ``what`` is before its text."""
     try:
         yield
     except (acquisition.DataError, acquisition.MissingPathError) as error:
-        notices.append(rig.Notice(code, f"{what}{error}", severity=severity))
+        notices.append(rig.Notice(_CODES[kind], f"{what}{error}", severity=severity))
 
 
 def read_folder(path: Path) -> ResultFolder:
@@ -117,7 +125,7 @@ def read_folder(path: Path) -> ResultFolder:
         for file in sorted((path / stage).glob("*.json"))[:_MOST_RECORDS]:
             if not is_record(file):
                 continue
-            with noted(notices, "record-unreadable", severity="error"):
+            with noted(notices, "record", severity="error"):
                 records[str(file.relative_to(path))] = read_record(file)
     folder = ResultFolder(path, records, notices)
     notices += [*_unfinished(folder), *_missing(folder)]

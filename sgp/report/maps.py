@@ -259,7 +259,7 @@ def _vectors(folder: ResultFolder, max_pixels: int, notices: list[rig.Notice]) -
             yield name, *read_vectors(path, max_pixels)
 
 
-_noted = partial(noted, code="map-unreadable", severity="error")
+_noted = partial(noted, kind="map", severity="error")
 
 
 def _unit(name: str, folder: ResultFolder, unit: str) -> str:

@@ -139,7 +139,7 @@ def _lights(
     if inputs.state(path) == "changed":
         notices.append(changed_notice([path], "the lights are not shown"))
         return None
-    with noted(notices, "recording-unreadable", "the lights are not shown: "):
+    with noted(notices, "recording", "the lights are not shown: "):
         return acquisition.read_lights(path)
     return None
 
@@ -240,7 +240,7 @@ def _images(
     pictures: list[tuple[_Shot, Float32]] = []
     bright: dict[float | None, float] = {}
     for shot in shots:
-        with noted(notices, "recording-unreadable"):
+        with noted(notices, "recording"):
             part = shot.read()[region.rows, region.columns]
             signal = (reduced(part, _SIDE_PX) - source.black_level) / span
             picture = source.transfer.light(signal).astype(np.float32)

@@ -69,7 +69,7 @@ def companions(
 def _read(
     name: str, path: Path, green: Green, max_pixels: int, notices: list[rig.Notice]
 ) -> Iterator[Companion]:
-    with noted(notices, "map-unreadable", f"“{name.partition(':')[0]}” is not shown: "):
+    with noted(notices, "map", f"“{name.partition(':')[0]}” is not shown: "):
         yield name, *read_vectors(path, max_pixels, green)
 
 
