@@ -28,7 +28,7 @@ NAMES = ("fx", "fy", "cx", "cy")
 def errors(seed, views, distortion):
     """Return errors and standard deviations of NAMES and of the working distance."""
     camera: CameraModel = replace(CAMERA, distortion=distortion)
-    lens = Lens.of(camera, sharp=False)
+    lens = Lens(camera, sharp=False)
     images = [shot(pose, 1000 * seed + k, lens) for k, pose in enumerate(poses(seed, views))]
     found = [find_board(image, BOARD, f"{k}") for k, image in enumerate(images)]
     done = calibrate_camera(found)

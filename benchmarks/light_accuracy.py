@@ -53,7 +53,7 @@ def scene_of(seed: int, count: int, model: CameraModel, *, sharp: bool) -> Scene
     return Scene(
         body=None,
         lights=dome_lights(36, seed=seed),
-        lens=Lens.of(model, sharp=sharp),
+        lens=Lens(model, sharp=sharp),
         noise=bench_sensor(),
         electrons_per_us=0.42,
         board=Even(0.4),

@@ -149,7 +149,7 @@ def scene_of(seed: int, kind: str, *, small: bool) -> Scene:
     return Scene(
         body=body,
         lights=dome_lights(leds, seed=seed),
-        lens=Lens.of(camera, sharp=False),
+        lens=Lens(camera, sharp=False),
         noise=bench_sensor(),
         electrons_per_us=0.42,
         pattern=pattern,

@@ -21,7 +21,6 @@ import sys
 import time
 import tty
 from pathlib import Path
-from typing import Self
 
 from simulator.bench.owned_folder import OwnedFolder
 from simulator.bench.state import BenchState, BenchWriter
@@ -34,7 +33,7 @@ _STDIN = 0
 _TICK_NS = 100_000_000
 
 
-class _Port:
+class _Port(contextlib.AbstractContextManager["_Port"]):
     """A pty behind a symbolic link."""
 
     def __init__(self, link: Path) -> None:
@@ -44,9 +43,6 @@ class _Port:
         # Last, so that no program opens a line that is not ready.
         link.symlink_to(os.ttyname(self._slave))
         self._link = link
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self._link.unlink(missing_ok=True)
@@ -126,12 +122,9 @@ class _Process:
 
 def serve(leds: int, *, prints_events: bool = False) -> None:
     """Open a pty, print its path, and run the board until the parent no longer needs it."""
-    folder = OwnedFolder("sgp-board-")
-    try:
-        with contextlib.suppress(KeyboardInterrupt):
-            _Process(leds, folder.path, prints_events=prints_events).run()
-    finally:
-        folder.close()
+    folder = contextlib.closing(OwnedFolder("sgp-board-"))
+    with folder as owned, contextlib.suppress(KeyboardInterrupt):
+        _Process(leds, owned.path, prints_events=prints_events).run()
 
 
 def _print_line(content: object) -> None:

@@ -86,7 +86,7 @@ def find_working_plane(
     >>> from simulator import Lens, bench_camera
     >>> from simulator.rendering import board_view
     >>> from simulator.shapes import ChArUco
-    >>> def seen(*tilt, lens=Lens.of(bench_camera())):
+    >>> def seen(*tilt, lens=Lens(bench_camera())):
     ...     turn, _ = cv2.Rodrigues(np.array([*tilt, 0.0]))
     ...     sheet = board_view(lens, ChArUco(7, 5, 30), turn, (0, 0, 0), sheet_mm=(230, 170))
     ...     return find_board(sheet, CharucoBoard(7, 5, 30))

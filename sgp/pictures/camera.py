@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from sgp.cli.terminal import printable
-from sgp.pictures.sheet import Panel, set_plot_area
+from sgp.pictures.sheet import Panel, rounded_down, set_plot_area
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from acquisition import CameraModel
     from calibration import CameraCalibration
     from calibration.camera import CalibratedView
 
 _USED, _LEFT_OUT = "tab:blue", "tab:red"
 _ARROW: Final = 0.04  # length of a typical residual, relative to the width of the image
-_FACTORS: Final = (1, 2, 5)
+
 _MOST_NAMES: Final = 40
 _LONGEST: Final = 14
 
@@ -31,7 +32,7 @@ def coverage_panel(calibrated: CameraCalibration) -> Panel:
         title += f"; not covered: {', '.join(calibrated.bare_corners)}"
 
     def draw(axes: Axes) -> None:
-        _field(axes, calibrated)
+        _show_field(axes, camera)
         axes.imshow(
             np.where(calibrated.covered, 0.85, 1.0),
             cmap="gray",
@@ -54,20 +55,13 @@ def residuals_panel(calibrated: CameraCalibration) -> Panel:
     used = [one for one in calibrated.views if one.used]
     places = np.concatenate([one.view.corners_px[one.kept] for one in used])
     residuals = np.concatenate([one.residuals_px[one.kept] for one in used])
-    factor = _round(_ARROW * camera.width / max(calibrated.sigma_px * np.sqrt(2), 1e-9))
+    factor = rounded_down(_ARROW * camera.width / max(calibrated.sigma_px * np.sqrt(2), 1e-9))
     title = f"residuals, {factor:g} times enlarged ({calibrated.sigma_px:.3f} px per coordinate)"
 
     def draw(axes: Axes) -> None:
-        _field(axes, calibrated)
-        axes.quiver(
-            *places.T,
-            *residuals.T,
-            angles="xy",
-            scale_units="xy",
-            scale=1 / factor,
-            width=0.0015,
-            color=_USED,
-        )
+        _show_field(axes, camera)
+        units: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1 / factor}
+        axes.quiver(*places.T, *residuals.T, **units, width=0.0015, color=_USED)
 
     return Panel(title, draw, camera.width / camera.height)
 
@@ -85,8 +79,7 @@ def views_panel(calibrated: CameraCalibration) -> Panel:
         rows = np.arange(len(views))
         colours = [_USED if one.used else _LEFT_OUT for one in views]
         axes.barh(rows, [one.rms_px for one in views], color=colours)
-        axes.set_ylim(len(views) - 0.5, -0.5)
-        axes.set_yticks([])
+        axes.set(ylim=(len(views) - 0.5, -0.5), yticks=[])
         axes.set_xlabel("px", fontsize=8)
         axes.tick_params(labelsize=8)
         for row, one in zip(rows, views, strict=True):
@@ -100,20 +93,13 @@ def views_panel(calibrated: CameraCalibration) -> Panel:
     return Panel(title, draw)
 
 
-def _field(axes: Axes, calibrated: CameraCalibration) -> None:
-    camera = calibrated.camera
+def _show_field(axes: Axes, camera: CameraModel) -> None:
     axes.set_aspect("equal")
-    axes.set_xlim(-0.5, camera.width - 0.5)
-    axes.set_ylim(camera.height - 0.5, -0.5)
-    axes.set_xticks([])
-    axes.set_yticks([])
+    axes.set(
+        xlim=(-0.5, camera.width - 0.5), ylim=(camera.height - 0.5, -0.5), xticks=[], yticks=[]
+    )
 
 
 def _short(one: CalibratedView) -> str:
     name = Path(one.view.name).name
     return printable(name if len(name) <= _LONGEST else f"…{name[-_LONGEST:]}")
-
-
-def _round(factor: float) -> float:
-    power = 10.0 ** np.floor(np.log10(factor))
-    return float(max(step * power for step in _FACTORS if step * power <= factor))

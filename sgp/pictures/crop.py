@@ -35,6 +35,11 @@ class Crop:
     most_px: float = _MOST_PX
 
     @classmethod
+    def whole(cls, image: AnyArray) -> Crop:
+        """Return the full image."""
+        return cls(slice(0, image.shape[0]), slice(0, image.shape[1]))
+
+    @classmethod
     def around(cls, mask: Bool, pixel_mm: float | None = None) -> Crop:
         """Return the rectangle that contains a mask and a margin; the full image if it is empty."""
         rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))

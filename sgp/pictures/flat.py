@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 import acquisition
 from rig.arrays import Float32
-from sgp.pictures.sheet import Panel, add_scale, set_plot_area
+from sgp.pictures.crop import Crop
+from sgp.pictures.maps import picture_panel
+from sgp.pictures.sheet import Panel, set_plot_area
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,18 +26,16 @@ _GREEN: Final = 1
 def smooth_panel(flat: acquisition.Flat) -> Panel:
     """Show the smooth part with contours in percent of the middle of the image."""
     smooth = 100 * _green(flat, flat.smooth)
-    height, width = smooth.shape
+    low, high = float(smooth.min()), float(smooth.max())
 
-    def draw(axes: Axes) -> None:
-        low, high = float(smooth.min()), float(smooth.max())
-        shown = axes.imshow(smooth, cmap="viridis", vmin=low, vmax=max(high, low + 1e-3))
+    def mark(axes: Axes) -> None:
         if high - low > 0.05:
             lines = axes.contour(smooth, levels=_CONTOURS, colors="white", linewidths=0.8)
             axes.clabel(lines, fmt="%g", fontsize=8)
-        axes.axis("off")
-        add_scale(axes, shown, "%", "neither")
 
-    return Panel("smooth part (vignetting), % of the middle", draw, width / height)
+    title, scale = "smooth part (vignetting), % of the middle", ("%", "neither")
+    colours = {"cmap": "viridis", "vmin": low, "vmax": max(high, low + 1e-3)}
+    return picture_panel(title, smooth, Crop.whole(smooth), scale, mark, **colours)
 
 
 def pixel_panel(flat: acquisition.Flat, *, whole: bool) -> Panel:
@@ -48,16 +48,14 @@ def pixel_panel(flat: acquisition.Flat, *, whole: bool) -> Panel:
         top, left = (rows - side) // 2, (columns - side) // 2
         deviation = deviation[top : top + side, left : left + side]
     height, width = deviation.shape
-
-    def draw(axes: Axes) -> None:
-        shown = axes.imshow(
-            deviation, cmap="RdBu_r", vmin=-limit, vmax=limit, interpolation="nearest"
-        )
-        axes.axis("off")
-        add_scale(axes, shown, "%", "both")
-
     title = "pixel part - 1" if whole else f"pixel part - 1, the middle {width} x {height} pixels"
-    return Panel(title, draw, width / height)
+    colours: dict[str, Any] = {
+        "cmap": "RdBu_r",
+        "vmin": -limit,
+        "vmax": limit,
+        "interpolation": "nearest",
+    }
+    return picture_panel(title, deviation, Crop.whole(deviation), ("%", "both"), **colours)
 
 
 def histogram_panel(flat: acquisition.Flat) -> Panel:

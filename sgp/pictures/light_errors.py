@@ -9,7 +9,7 @@ import numpy as np
 import acquisition
 from rig.arrays import Float64
 from sgp.pictures.lights import short_names
-from sgp.pictures.sheet import Panel, set_plot_area
+from sgp.pictures.sheet import Panel, rounded_down, set_plot_area
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,7 +19,7 @@ _AZIMUTH_DEG: Final = -60.0
 _ELEVATION_DEG: Final = 30.0
 # An ellipsoid of median size is drawn about this long, relative to the median distance.
 _SHARE: Final = 0.06
-_STEPS: Final = (1, 2, 5)
+
 _FEW: Final = 40  # lights; the names of more do not fit
 
 
@@ -35,7 +35,8 @@ def ellipsoids_panel(lights: acquisition.Lights) -> Panel | None:
         return None
     places = lights.unit_directions if lights.positions_mm is None else lights.positions_mm
     distance = float(np.median(np.linalg.norm(places, axis=1)))
-    factor = _round_factor(_SHARE * distance / max(float(np.median(sigmas)), 1e-12 * distance))
+    fitting = _SHARE * distance / max(float(np.median(sigmas)), 1e-12 * distance)
+    factor = max(1.0, rounded_down(fitting * (1 + 1e-9)))
 
     def draw(axes: Axes) -> None:
         from matplotlib.patches import Ellipse
@@ -133,11 +134,3 @@ def _view() -> Float64:
         np.cos(elevation),
     ]
     return np.array([right, up])
-
-
-def _round_factor(value: float) -> float:
-    """Return the largest of 1, 2, 5, 10, 20, ... that is not above a value, at least 1."""
-    if not value > 1:
-        return 1.0
-    power = 10.0 ** np.floor(np.log10(value))
-    return float(power * max(step for step in _STEPS if step * power <= value * (1 + 1e-9)))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Final
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -11,6 +11,7 @@ import acquisition
 from rig.arrays import Float32, Float64
 from sgp.cli.terminal import printable
 from sgp.pictures.crop import Crop
+from sgp.pictures.maps import picture_panel
 from sgp.pictures.sheet import Panel
 
 if TYPE_CHECKING:
@@ -36,9 +37,7 @@ def lights_panel(
     """Show light directions as seen by the camera: overhead in the centre, horizon at the rim."""
 
     def draw(axes: Axes) -> None:
-        axes.set_aspect("equal")
-        axes.set_xlim(-1.08, 1.08)
-        axes.set_ylim(-1.08, 1.08)
+        axes.set(aspect="equal", xlim=(-1.08, 1.08), ylim=(-1.08, 1.08))
         axes.axis("off")
         axes.apply_aspect()
         angle = np.linspace(0, 2 * np.pi, 181)
@@ -100,16 +99,9 @@ def _name_rings(axes: Axes, taken: Sequence[Box]) -> list[Box]:
     """Write the angle of each ring where it covers no light."""
     found: list[Box] = []
     for ring in _RINGS_DEG:
-        text = axes.text(
-            0,
-            0,
-            f"{ring}°",
-            fontsize=7,
-            color="0.4",
-            ha="center",
-            va="center",
-            bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5},
-        )
+        frame = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}
+        middle: dict[str, Any] = {"ha": "center", "va": "center"}
+        text = axes.text(0, 0, f"{ring}°", fontsize=7, color="0.4", bbox=frame, **middle)
         width, height = _size_px(text)
         radius = np.sin(np.radians(ring))
         turns = np.radians(-90) + np.linspace(0, 2 * np.pi, 72, endpoint=False)
@@ -195,16 +187,11 @@ def spheres_panel(
     title: str, brightest: Float32, estimate: SphereCalibration, recording: int = 0
 ) -> Panel:
     """Show outlines and highlights in one recording, over the brightest value of each pixel."""
-    height, width = brightest.shape
-    crop = Crop(slice(0, height), slice(0, width))
-    # Short exposures may exceed 1.
-    picture = np.clip(crop.picture(brightest), 0, 1) ** (1 / 2.2)
     shown = [k for k, sphere in enumerate(estimate.spheres) if sphere.recording == recording]
 
-    def draw(axes: Axes) -> None:
+    def mark(axes: Axes) -> None:
         from matplotlib.patches import Ellipse
 
-        axes.imshow(picture, cmap="gray", vmin=0, vmax=1, extent=crop.extent)
         for k in shown:
             outline = estimate.spheres[k].outline
             a, b = outline.semi_axes_px
@@ -215,29 +202,30 @@ def spheres_panel(
             )
         spots = estimate.highlights_px[:, shown].reshape(-1, 2)
         axes.scatter(spots[:, 0], spots[:, 1], s=6, color="tab:red", linewidths=0)
-        axes.axis("off")
 
-    return Panel(title, draw, crop.aspect)
+    return _marked(title, brightest, mark)
 
 
 def candidates_panel(brightest: Float32, candidates: Sequence[SphereCandidate]) -> Panel:
     """Show numbered circles that may be spheres, over the brightest value of each pixel."""
-    height, width = brightest.shape
-    crop = Crop(slice(0, height), slice(0, width))
-    picture = np.clip(crop.picture(brightest), 0, 1) ** (1 / 2.2)
 
-    def draw(axes: Axes) -> None:
+    def mark(axes: Axes) -> None:
         from matplotlib.patches import Circle
 
-        axes.imshow(picture, cmap="gray", vmin=0, vmax=1, extent=crop.extent)
         for number, one in enumerate(candidates, start=1):
             x, y, radius = one.circle_px
             colour = "orange" if one.lights else "cyan"
             axes.add_patch(Circle((x, y), radius, fill=False, ec=colour))
             axes.text(x, y, str(number), color=colour, ha="center", va="center")
-        axes.axis("off")
 
-    return Panel("no sphere was found: candidates", draw, crop.aspect)
+    return _marked("no sphere was found: candidates", brightest, mark)
+
+
+def _marked(title: str, brightest: Float32, mark: Callable[[Axes], None]) -> Panel:
+    crop = Crop.whole(brightest)
+    # Short exposures may exceed 1.
+    picture = np.clip(crop.picture(brightest), 0, 1) ** (1 / 2.2)
+    return picture_panel(title, picture, crop, mark=mark, cmap="gray", vmin=0, vmax=1)
 
 
 def reasons_panel(candidates: Sequence[SphereCandidate]) -> Panel:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
@@ -11,7 +11,7 @@ import acquisition
 import processing
 from rig.arrays import AnyArray, Bool, Float32, Floating
 from sgp.pictures.crop import Crop
-from sgp.pictures.sheet import Panel, add_scale
+from sgp.pictures.sheet import Panel, add_scale, rounded_down
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,7 +35,7 @@ def image_panel(
     finite = part[np.isfinite(part)]
     white = float(np.quantile(finite, 0.995)) if finite.size else 0.0
     shown = np.clip(np.nan_to_num(part / (white or 1.0), nan=1.0), 0, 1) ** (1 / 2.2)
-    return _picture(title, shown, crop, cmap="gray", vmin=0, vmax=1)
+    return picture_panel(title, shown, crop, cmap="gray", vmin=0, vmax=1)
 
 
 class Masked(NamedTuple):
@@ -66,7 +66,7 @@ def _colours(title: str, vectors: Float32, crop: Crop) -> Panel:
     with np.errstate(invalid="ignore", divide="ignore"):
         normals = vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
     colours = np.where(np.isfinite(normals), normals / 2 + 0.5, 1.0)
-    return _picture(title, np.clip(colours, 0, 1), crop)
+    return picture_panel(title, np.clip(colours, 0, 1), crop)
 
 
 def detail_gain(normals: Float32) -> int:
@@ -74,8 +74,7 @@ def detail_gain(normals: Float32) -> int:
     slopes = np.hypot(normals[..., 0], normals[..., 1]) / np.maximum(normals[..., 2], 1e-3)
     slopes = slopes[np.isfinite(slopes)]
     steep = float(np.quantile(slopes, _STEEP)) if slopes.size else 1.0
-    series = [m * 10**e for e in range(3) for m in (1, 2, 5) if m * 10**e <= _MOST_GAIN]
-    return max([gain for gain in series if gain * steep <= 1], default=1)
+    return max(1, int(rounded_down(1 / max(steep, 1 / _MOST_GAIN))))
 
 
 def map_panel(
@@ -99,7 +98,7 @@ def map_panel(
     extend = "neither" if limits else "max" if error else "both"
     low, high = limits or (_error_limits(finite) if error else _limits(finite))
     cmap = "magma" if error else "viridis"
-    return _picture(title, part, crop, (unit, extend), cmap=cmap, vmin=low, vmax=high)
+    return picture_panel(title, part, crop, (unit, extend), cmap=cmap, vmin=low, vmax=high)
 
 
 def signed_panel(title: str, values: AnyArray, unit: str, crop: Crop | None = None) -> Panel:
@@ -107,7 +106,7 @@ def signed_panel(title: str, values: AnyArray, unit: str, crop: Crop | None = No
     crop = crop or Crop.around(np.isfinite(values))
     part = crop.picture(values)
     _, most = _error_limits(np.abs(part[np.isfinite(part)]))
-    return _picture(title, part, crop, (unit, "both"), cmap="coolwarm", vmin=-most, vmax=most)
+    return picture_panel(title, part, crop, (unit, "both"), cmap="coolwarm", vmin=-most, vmax=most)
 
 
 def shaded_panel(
@@ -138,21 +137,27 @@ def lit_panel(title: str, rows: processing.stages.NormalRows, crop: Crop | None 
 def _lit(title: str, normals: Floating, crop: Crop) -> Panel:
     shade = np.clip(normals @ np.array([-0.5, 0.5, 0.7071]), 0, 1)
     shown = np.where(np.isfinite(shade), 0.1 + 0.9 * shade, 1.0)
-    return _picture(title, shown, crop, cmap="gray", vmin=0, vmax=1)
+    return picture_panel(title, shown, crop, cmap="gray", vmin=0, vmax=1)
 
 
-def _picture(
+def picture_panel(
     title: str,
     picture: AnyArray,
     crop: Crop,
     scale: tuple[str, str] | None = None,
+    mark: Callable[[Axes], None] | None = None,
     **colours: Any,
 ) -> Panel:
-    """Return the panel of a picture of a crop; ``scale`` is the unit of its scale and its ends."""
+    """Show a picture of a crop.
+
+    ``scale`` is the unit of its scale and its ends; ``mark`` draws on the picture.
+    """
 
     def draw(axes: Axes) -> None:
         shown = axes.imshow(picture, extent=crop.extent, **colours)
         axes.axis("off")
+        if mark is not None:
+            mark(axes)
         if crop.pixel_mm is not None:
             _add_bar(axes, crop, crop.pixel_mm)
         if scale is not None:
@@ -163,9 +168,7 @@ def _picture(
 
 def bar_mm(width_mm: float) -> float:
     """Return the length of a scale bar: 1, 2 or 5 times a power of ten."""
-    most = width_mm * _BAR_SHARE
-    power = 10.0 ** math.floor(math.log10(most))
-    return float(max(m * power for m in (1, 2, 5) if m * power <= most))
+    return rounded_down(width_mm * _BAR_SHARE)
 
 
 def _add_bar(axes: Axes, crop: Crop, pixel_mm: float) -> None:

@@ -26,8 +26,7 @@ def sensor_panels(estimate: SensorCalibration) -> list[Panel]:
 def _transfer(estimate: SensorCalibration) -> Panel:
     sensor = estimate.sensor
     gain = 1 / sensor.electrons_per_dn.value
-    signal, variance = _lit(estimate)
-    steps = np.geomspace(signal.min(), signal.max(), 200)
+    signal, variance, steps = _lit(estimate)
 
     def draw(axes: Axes) -> None:
         set_plot_area(axes)
@@ -35,13 +34,8 @@ def _transfer(estimate: SensorCalibration) -> Panel:
         axes.loglog(steps, estimate.dark_variance_dn2 + gain * steps, **_MODEL, label="dark + K s")
         axes.axhline(estimate.dark_variance_dn2, color="0.6", lw=1, ls=":", label="dark")
         if sensor.saturation_capacity_e is not None:
-            axes.axvline(
-                sensor.saturation_capacity_e.value * gain,
-                color="tab:green",
-                lw=1,
-                ls="--",
-                label="saturation",
-            )
+            full = sensor.saturation_capacity_e.value * gain
+            axes.axvline(full, color="tab:green", lw=1, ls="--", label="saturation")
         _axis_names(axes, "signal above dark, DN", "temporal variance, DN²")
 
     return Panel(f"photon transfer: K = {gain:.4g} DN/e, {1 / gain:.4g} e/DN", draw, 1.2)
@@ -50,11 +44,9 @@ def _transfer(estimate: SensorCalibration) -> Panel:
 def _snr(estimate: SensorCalibration) -> Panel:
     sensor = estimate.sensor
     gain = 1 / sensor.electrons_per_dn.value
-    signal, variance = _lit(estimate)
+    # Saturated samples have no noise.
     full = sensor.saturation_capacity_e
-    if full is not None:  # saturated samples have no noise
-        signal, variance = (x[signal <= full.value * gain] for x in (signal, variance))
-    steps = np.geomspace(signal.min(), signal.max(), 200)
+    signal, variance, steps = _lit(estimate, np.inf if full is None else full.value * gain)
     total = (estimate.dark_variance_dn2 + gain * steps) ** 0.5
 
     def draw(axes: Axes) -> None:
@@ -62,9 +54,7 @@ def _snr(estimate: SensorCalibration) -> Panel:
         axes.loglog(signal / gain, signal / variance**0.5, **_DOT, label="zones of the frames")
         axes.loglog(steps / gain, steps / total, **_MODEL, label="model")
         with_pattern = np.hypot(total, sensor.prnu.value * steps)
-        axes.loglog(
-            steps / gain, steps / with_pattern, color="tab:red", lw=1, ls=":", label="with PRNU"
-        )
+        axes.loglog(steps / gain, steps / with_pattern, **_MODEL, ls=":", label="with PRNU")
         _axis_names(axes, "signal, electrons", "signal-to-noise ratio")
 
     most = "" if sensor.snr_max is None else f", at most {sensor.snr_max.value:.3g}"
@@ -113,10 +103,11 @@ def _dark(estimate: SensorCalibration) -> Panel:
     return Panel(title, draw, 1.2)
 
 
-def _lit(estimate: SensorCalibration) -> tuple[Float64, Float64]:
-    """Return the points that a logarithmic plot can show."""
-    shown = (estimate.signal_dn > 0) & (estimate.variance_dn2 > 0)
-    return estimate.signal_dn[shown], estimate.variance_dn2[shown]
+def _lit(estimate: SensorCalibration, most: float = np.inf) -> tuple[Float64, Float64, Float64]:
+    """Return signals up to ``most`` and variances for a logarithmic plot, and steps of a line."""
+    shown = (estimate.signal_dn > 0) & (estimate.variance_dn2 > 0) & (estimate.signal_dn <= most)
+    signal, variance = estimate.signal_dn[shown], estimate.variance_dn2[shown]
+    return signal, variance, np.geomspace(signal.min(), signal.max(), 200)
 
 
 def _axis_names(axes: Axes, x: str, y: str, *, key: bool = True) -> None:

@@ -161,6 +161,12 @@ def set_plot_area(axes: Axes) -> None:
     )
 
 
+def rounded_down(number: float) -> float:
+    """Return the largest of 1, 2 and 5 times a power of ten that is not above a number."""
+    power = 10.0 ** math.floor(math.log10(number))
+    return float(max(step * power for step in (1, 2, 5) if step * power <= number))
+
+
 def source_title(source: acquisition.Source, title: str) -> str:
     """Return the title of a sheet; for a simulated recording it says so."""
     return f"SIMULATED: {title}" if source.simulated else title

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Literal
@@ -89,6 +90,25 @@ class ResultFolder:
         return next((value for value in values if value is not None), None)
 
 
+# Of the notices about files that cannot be read.
+_CODES: Final[dict[str, str]] = {
+    "record": "record-unreadable",
+    "map": "map-unreadable",
+    "recording": "recording-unreadable",
+}
+
+
+@contextmanager
+def noted(
+    notices: list[rig.Notice], kind: str, what: str = "", *, severity: rig.Severity = "warning"
+) -> Iterator[None]:
+    """Note the error of a file of some kind that cannot be read; ``what`` is before its text."""
+    try:
+        yield
+    except (acquisition.DataError, acquisition.MissingPathError) as error:
+        notices.append(rig.Notice(_CODES[kind], f"{what}{error}", severity=severity))
+
+
 def read_folder(path: Path) -> ResultFolder:
     """Read the records of a result folder.
 
@@ -105,11 +125,8 @@ def read_folder(path: Path) -> ResultFolder:
         for file in sorted((path / stage).glob("*.json"))[:_MOST_RECORDS]:
             if not is_record(file):
                 continue
-            name = str(file.relative_to(path))
-            try:
-                records[name] = read_record(file)
-            except (acquisition.DataError, acquisition.MissingPathError) as error:
-                notices.append(rig.Notice("record-unreadable", str(error), severity="error"))
+            with noted(notices, "record", severity="error"):
+                records[str(file.relative_to(path))] = read_record(file)
     folder = ResultFolder(path, records, notices)
     notices += [*_unfinished(folder), *_missing(folder)]
     return folder

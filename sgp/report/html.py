@@ -56,6 +56,11 @@ def joined(*children: str | Iterable[str]) -> Html:
     return Html("".join(parts))
 
 
+def details(title: str, table: Html) -> Html:
+    """Return a table that is folded under its title."""
+    return tag("details", tag("summary", title), tag("div", table, class_="scroll"))
+
+
 def script_json(value: Any) -> Html:
     """Return JSON for a ``script`` element, which ends at no text within it."""
     content = json.dumps(value, ensure_ascii=True, allow_nan=False, separators=(",", ":"))

@@ -9,8 +9,10 @@ from typing import Final
 import numpy as np
 
 import acquisition
+import processing
 from rig.arrays import AnyArray, Bool
-from sgp.report.folder import ResultFolder
+from sgp.cli.options import Green
+from sgp.report.folder import read_folder
 
 Values = AnyArray | acquisition.MapRows
 
@@ -33,23 +35,30 @@ def read_map(path: Path, max_pixels: int) -> Values:
     return acquisition.read_image(path, max_pixels=max_pixels)
 
 
-def large_normals(
-    folder: ResultFolder, path: Path, max_pixels: int
-) -> tuple[acquisition.MapRows, Bool] | None:
-    """Return a large map of normals that a command wrote, and its mask.
+def read_vectors(path: Path, max_pixels: int, green: Green = "up") -> tuple[Values, Bool]:
+    """Return a map of normals, of a file or a folder, and its mask.
 
-    None for all others: they are small, or have to be decoded and checked as a whole.
+    A large one that a command wrote is read when its rows are asked for. All others are small, or
+    have to be decoded and checked as a whole.
+
+    Raises
+    ------
+    DataError, MissingPathError
+        If there is no map, or it cannot be read.
     """
-    mask = path.parent / "mask.png"
-    if path.suffix != ".exr" or folder.record_of(path) is None or not mask.exists():
-        return None
-    rows = acquisition.pixels.ImageRows(path, max_pixels=max_pixels)
-    height, width = rows.shape[:2]
-    if len(rows.shape) != 3 or height * width <= LARGE:
+    file = path / "normals.exr" if path.is_dir() else path
+    mask = file.parent / "mask.png"
+    readable = file.suffix == ".exr" and file.is_file() and mask.exists()
+    if readable and read_folder(file.parent).record_of(file) is not None:
+        rows = acquisition.pixels.ImageRows(file, max_pixels=max_pixels)
+        height, width = rows.shape[:2]
+        if len(rows.shape) == 3 and height * width > LARGE:
+            inside = acquisition.read_mask(mask, (height, width))
+            read = partial(_vectors, rows)
+            return acquisition.files.ComputedRows(rows.shape, rows.dtype, read), inside
         rows.close()
-        return None
-    inside = acquisition.read_mask(mask, (height, width))
-    return acquisition.files.ComputedRows(rows.shape, rows.dtype, partial(_vectors, rows)), inside
+    found = processing.read_normals(path, green=green, max_pixels=max_pixels).normal_map
+    return found.normals, found.mask
 
 
 def _vectors(rows: acquisition.pixels.ImageRows, band: slice) -> AnyArray:

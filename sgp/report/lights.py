@@ -11,8 +11,12 @@ import numpy as np
 import acquisition
 from rig.arrays import Float64
 from sgp.report.folder import ResultFolder
-from sgp.report.html import Html, tag
+from sgp.report.html import Html, details, tag
 
+_LEGEND: Final = (
+    "Lights as the camera sees them: overhead in the middle, the horizon at the rim. "
+    "Rings are 30, 60 and 90 degrees from the optical axis."
+)
 _RADIUS: Final = 100
 _RINGS_DEG: Final = (30, 60, 90)
 _MOST_ROWS: Final = 400
@@ -29,77 +33,33 @@ _CHARTS: Final = (_SD_MM, _SD_DEG, _RESIDUAL, *_OF_IMAGES.values())
 
 def lights_section(folder: ResultFolder, lights: acquisition.Lights) -> Html:
     """Return a drawing of the lights as the camera sees them, and a table of them."""
-    columns = {
-        "Elevation, deg": np.degrees(np.arcsin(np.clip(lights.unit_directions[:, 2], -1, 1))),
-        "Azimuth, deg": np.degrees(
-            np.arctan2(lights.unit_directions[:, 1], lights.unit_directions[:, 0])
-        ),
-        **_positions(lights),
-        **_errors(lights),
-        **_of_images(folder, lights),
+    columns = _columns(folder, lights)
+    drawing = tag("figure", _drawing(lights, columns), tag("figcaption", _LEGEND), class_="lights")
+    shown = (title for title in _CHARTS if title in columns)
+    charts = (bar_chart(title, lights.ids, columns[title].tolist()) for title in shown)
+    table = details(f"Table of {len(lights)} lights", _table(lights.ids, columns))
+    numbers = tag("div", tag("div", charts, class_="charts"), table)
+    return tag("div", drawing, numbers, class_="columns")
+
+
+def _columns(folder: ResultFolder, lights: acquisition.Lights) -> dict[str, Float64]:
+    """Return directions, positions, errors, and the figures of agreement that records have."""
+    x, y, z = lights.unit_directions.T
+    found = {
+        "Elevation, deg": np.degrees(np.arcsin(np.clip(z, -1, 1))),
+        "Azimuth, deg": np.degrees(np.arctan2(y, x)),
     }
-    return tag(
-        "div",
-        tag(
-            "figure",
-            _drawing(lights, columns),
-            tag(
-                "figcaption",
-                "Lights as the camera sees them: overhead in the middle, the horizon at the rim. "
-                "Rings are 30, 60 and 90 degrees from the optical axis.",
-            ),
-            class_="lights",
-        ),
-        tag(
-            "div",
-            tag(
-                "div",
-                (
-                    bar_chart(title, lights.ids, columns[title].tolist())
-                    for title in _CHARTS
-                    if title in columns
-                ),
-                class_="charts",
-            ),
-            tag(
-                "details",
-                tag("summary", f"Table of {len(lights)} lights"),
-                tag("div", _table(lights.ids, columns), class_="scroll"),
-            ),
-        ),
-        class_="columns",
-    )
-
-
-def _positions(lights: acquisition.Lights) -> dict[str, Float64]:
-    if lights.positions_mm is None:
-        return {}
-    return {f"{axis}, mm": lights.positions_mm[:, i] for i, axis in enumerate("XYZ")}
-
-
-def _errors(lights: acquisition.Lights) -> dict[str, Float64]:
+    if lights.positions_mm is not None:
+        found |= {f"{axis}, mm": lights.positions_mm[:, i] for i, axis in enumerate("XYZ")}
     errors = lights.errors
-    if errors is None:
-        return {}
-    found: dict[str, Float64] = {}
-    if errors.covariances is not None:
+    if errors is not None and errors.covariances is not None:
         spread = np.sqrt(np.trace(errors.covariances, axis1=1, axis2=2))
-        if lights.near:
-            found[_SD_MM] = spread
-        else:
-            found[_SD_DEG] = np.degrees(spread)
-    if errors.residual_px is not None:
+        found |= {_SD_MM: spread} if lights.near else {_SD_DEG: np.degrees(spread)}
+    if errors is not None and errors.residual_px is not None:
         found[_RESIDUAL] = errors.residual_px
-    return found
-
-
-def _of_images(folder: ResultFolder, lights: acquisition.Lights) -> dict[str, Float64]:
-    """Return the figures of agreement that a record has for each image, if they fit the lights."""
-    found = {}
     for record in folder.records.values():
-        metrics: Mapping[str, Any] = record.metrics
         for name, title in _OF_IMAGES.items():
-            values = metrics.get(name)
+            values: Any = record.metrics.get(name)
             if isinstance(values, list) and len(values) == len(lights):
                 factor = 100 if name == "image_residuals" else 1
                 numbers = [np.nan if value is None else float(value) for value in values]
@@ -115,33 +75,19 @@ def _drawing(lights: acquisition.Lights, columns: Mapping[str, Float64]) -> Html
     named = len(lights) <= 60
     for number, (x, y, _) in enumerate(lights.unit_directions):
         across, down = round(_RADIUS * float(x), 1), round(-_RADIUS * float(y), 1)
-        values = ", ".join(
-            f"{title} {_number(column[number])}" for title, column in columns.items()
-        )
-        dot = tag(
-            "circle", tag("title", f"{lights.ids[number]}: {values}"), cx=across, cy=down, r=3
-        )
-        parts.append(dot)
+        name = lights.ids[number]
+        values = (f"{title} {_number(column[number])}" for title, column in columns.items())
+        title = tag("title", f"{name}: {', '.join(values)}")
+        parts.append(tag("circle", title, cx=across, cy=down, r=3))
         if named:
             # Names point away from the middle.
             length = max(float(np.hypot(x, y)), 1e-6)
-            parts.append(
-                tag(
-                    "text",
-                    _short(lights.ids[number]),
-                    x=round(across + 9 * float(x) / length, 1),
-                    y=round(down - 9 * float(y) / length + 2.5, 1),
-                    text_anchor="middle",
-                )
-            )
+            right = round(across + 9 * float(x) / length, 1)
+            below = round(down - 9 * float(y) / length + 2.5, 1)
+            parts.append(tag("text", _short(name), x=right, y=below, text_anchor="middle"))
     box = _RADIUS + 18
-    return tag(
-        "svg",
-        parts,
-        viewBox=f"{-box} {-box} {2 * box} {2 * box}",
-        role="img",
-        aria_label=f"Directions of {len(lights)} lights",
-    )
+    view, label = f"{-box} {-box} {2 * box} {2 * box}", f"Directions of {len(lights)} lights"
+    return tag("svg", parts, viewBox=view, role="img", aria_label=label)
 
 
 def _table(ids: Sequence[str], columns: Mapping[str, Float64]) -> Html:
@@ -192,35 +138,22 @@ def bar_chart(title: str, names: Sequence[str], values: Sequence[float]) -> Html
             tag("line", x1=_LEFT, x2=_WIDTH, y1=y, y2=y, class_="grid"),
             tag("text", f"{place * step:.4g}", x=_LEFT - 5, y=y + 4, text_anchor="end"),
         ]
-    labels = [name if len(name) <= 8 else f"…{name[-6:]}" for name in names]
+    labels = [_short(name) for name in names]
     longest = max(map(len, labels), default=0)
     every = max(1, math.ceil(_LETTER * (longest + 1) / wide))
     for place, (name, value) in enumerate(zip(names, values, strict=True)):
         x = _LEFT + place * wide
         if math.isfinite(value):
             y = down(max(value, 0.0))
+            left, width, height = x + 0.15 * wide, 0.7 * wide, _TOP + tall - y
+            box = {"x": round(left, 1), "y": y, "width": round(width, 1)}
             bar = tag("title", f"{name}: {value:.3g}")
-            parts.append(
-                tag(
-                    "rect",
-                    bar,
-                    x=round(x + 0.15 * wide, 1),
-                    y=y,
-                    width=round(0.7 * wide, 1),
-                    height=round(_TOP + tall - y, 1),
-                )
-            )
+            parts.append(tag("rect", bar, **box, height=round(height, 1)))
         if place % every == 0:
             middle = round(x + wide / 2, 1)
             parts.append(tag("text", labels[place], x=middle, y=_HEIGHT - 6, text_anchor="middle"))
-    return tag(
-        "svg",
-        parts,
-        viewBox=f"0 0 {_WIDTH} {_HEIGHT}",
-        class_="chart",
-        role="img",
-        aria_label=f"{title}, for {len(values)} lights",
-    )
+    view, label = f"0 0 {_WIDTH} {_HEIGHT}", f"{title}, for {len(values)} lights"
+    return tag("svg", parts, viewBox=view, class_="chart", role="img", aria_label=label)
 
 
 def _step(most: float) -> float:

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from pathlib import Path
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
 
 import acquisition
-import processing
 import rig
 from rig.arrays import AnyArray, Bool, Int64
 from sgp.pictures.crop import Crop
 from sgp.pictures.jumps import JUMP_DOWN
-from sgp.report.folder import ResultFolder
+from sgp.report.folder import ResultFolder, noted
 from sgp.report.kinds import ALBEDO, HEIGHT, MASKS, NUMBERS, VECTORS, quantiser
-from sgp.report.large_maps import Values, known, large_normals, read_map
+from sgp.report.large_maps import Values, known, read_map, read_vectors
 from sgp.report.planes import Plane, Tile, tiles_of
 
 Read = tuple[str, Values, Bool]
@@ -96,13 +95,10 @@ class FolderMaps:
     def jumps(self) -> AnyArray | None:
         """Return jumps.png, if there is one."""
         path = self.folder.file("jumps.png")
-        if path is None:
-            return None
-        try:
-            return acquisition.read_image(path, max_pixels=self._max_pixels)
-        except acquisition.DataError as error:
-            self.notices.append(_unreadable(error))
-            return None
+        if path is not None:
+            with _noted(self.notices):
+                return acquisition.read_image(path, max_pixels=self._max_pixels)
+        return None
 
 
 def embed(maps: FolderMaps, most_pixels: float, *, full: bool = False) -> Embedded | None:
@@ -126,10 +122,8 @@ def embed(maps: FolderMaps, most_pixels: float, *, full: bool = False) -> Embedd
             notices.append(rig.Notice("map-unreadable", text))
             continue
         own = _unit(name, folder, unit if pixel_size is not None else "px")
-        try:
+        with _noted(notices):
             planes |= _planes(name, values, mask, crop, own, tiles if full else None)
-        except acquisition.DataError as error:
-            notices.append(_unreadable(error))
     if planes and not (folder.records or folder.notices):
         text = (
             f"{folder.path}: has no record: sizes, figures and parameters are not known; the "
@@ -240,43 +234,32 @@ def _read(folder: ResultFolder, max_pixels: int, notices: list[rig.Notice]) -> I
         path = folder.file(kind.file)
         if path is None:
             continue
-        try:
+        with _noted(notices):
             values = read_map(path, max_pixels)
             inside = mask
             if inside is None or inside.shape != values.shape[:2]:
                 # Maps of numbers are NaN outside the object.
                 inside = known(values)
-        except acquisition.DataError as error:
-            notices.append(_unreadable(error))
-            continue
-        yield name, values, inside
+            yield name, values, inside
 
 
 def _vectors(folder: ResultFolder, max_pixels: int, notices: list[rig.Notice]) -> Iterable[Read]:
     """Yield the maps of directions; a folder without normals shows its detail as normals."""
-    paths = {name: _file(folder, name) for name in (*VECTORS, "detail")}
+    paths = {
+        name: folder.file(f"{name}.exr") or folder.file(f"{name}.png")
+        for name in (*VECTORS, "detail")
+    }
+    detail = paths.pop("detail")
     if paths["normals"] is None:
-        paths = {"normals": paths["detail"] or paths["shape"]}
+        paths = {"normals": detail or paths["shape"]}
     for name, path in paths.items():
-        if path is None or name not in VECTORS:
+        if path is None:
             continue
-        try:
-            large = large_normals(folder, path, max_pixels)
-            if large is not None:
-                yield name, *large
-                continue
-            found = processing.read_normals(path, max_pixels=max_pixels).normal_map
-            yield name, found.normals, found.mask
-        except acquisition.DataError as error:
-            notices.append(_unreadable(error))
+        with _noted(notices):
+            yield name, *read_vectors(path, max_pixels)
 
 
-def _file(folder: ResultFolder, name: str) -> Path | None:
-    return folder.file(f"{name}.exr") or folder.file(f"{name}.png")
-
-
-def _unreadable(error: Exception) -> rig.Notice:
-    return rig.Notice("map-unreadable", str(error), severity="error")
+_noted = partial(noted, kind="map", severity="error")
 
 
 def _unit(name: str, folder: ResultFolder, unit: str) -> str:

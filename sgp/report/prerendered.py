@@ -8,7 +8,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from rig.arrays import Float32
+from rig.arrays import AnyArray, Float32
 from sgp.report.html import Html, joined, tag
 from sgp.report.planes import VECTOR_STEPS, Plane
 
@@ -35,33 +35,21 @@ def prerendered(planes: dict[str, Plane], name: str, *, titled: bool = False) ->
     plane = planes.get("normals")
     if plane is None:
         return Html("")
-    share = min(1.0, _SIDE_PX / max(plane.samples.shape[:2]))
-    size = tuple(max(1, round(side * share)) for side in plane.samples.shape[1::-1])
-    normals = _reduced(_vectors(plane), size)
+    normals = reduced(_vectors(plane), _SIDE_PX)
+    height, width, _ = normals.shape
     albedo = planes.get("albedo")
     factor = np.ones((1, 1, 1), np.float32)
     if albedo is not None:
-        samples = _reduced(albedo.samples.astype(np.float32), size) / 255
-        samples = samples.reshape(*samples.shape[:2], -1)
+        samples = reduced(albedo.samples.astype(np.float32), _SIDE_PX) / 255
+        samples = samples.reshape(height, width, -1)
         factor = np.where(samples > 0.04045, ((samples + 0.055) / 1.055) ** 2.4, samples / 12.92)
     figures = []
     for azimuth, elevation, title in _LIGHTS:
         a, e = np.radians([azimuth, elevation])
         light = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], np.float32)
-        lit = np.clip(normals @ light, 0, 1)[..., None] * factor
-        coded = np.where(lit > 0.0031308, 1.055 * lit ** (1 / 2.4) - 0.055, 12.92 * lit)
-        picture = np.rint(255 * np.clip(coded, 0, 1)).astype(np.uint8)[..., ::-1]
-        encoded = cv2.imencode(
-            ".jpg", np.ascontiguousarray(picture), [cv2.IMWRITE_JPEG_QUALITY, _QUALITY]
-        )[1]
-        source = f"data:image/jpeg;base64,{base64.b64encode(encoded.tobytes()).decode()}"
-        figures.append(
-            tag(
-                "figure",
-                tag("img", src=source, alt=f"{name}, lit {title}", width=size[0], height=size[1]),
-                tag("figcaption", f"Light {title}"),
-            )
-        )
+        source = jpeg(np.clip(normals @ light, 0, 1)[..., None] * factor, _QUALITY)
+        picture = tag("img", src=source, alt=f"{name}, lit {title}", width=width, height=height)
+        figures.append(tag("figure", picture, tag("figcaption", f"Light {title}")))
     heading = [tag("h3", name)] if titled else []
     return joined(heading, tag("div", figures, class_="prerendered"))
 
@@ -77,6 +65,20 @@ def _vectors(plane: Plane) -> Float32:
     return vectors
 
 
-def _reduced(values: Float32, size: tuple[int, ...]) -> Float32:
-    small = cv2.resize(values, (size[0], size[1]), interpolation=cv2.INTER_AREA)
+def reduced(values: AnyArray, side_px: int) -> Float32:
+    """Return an image whose longer side has at most ``side_px`` pixels, averaged."""
+    rows, columns = values.shape[:2]
+    share = min(1.0, side_px / max(rows, columns))
+    size = max(1, round(columns * share)), max(1, round(rows * share))
+    small = cv2.resize(np.ascontiguousarray(values), size, interpolation=cv2.INTER_AREA)
     return np.asarray(small, np.float32)
+
+
+def jpeg(light: Float32, quality: int) -> str:
+    """Return linear light from 0 to 1, gray or RGB, as the address of an sRGB picture in JPEG."""
+    coded = np.where(light > 0.0031308, 1.055 * light ** (1 / 2.4) - 0.055, 12.92 * light)
+    samples = np.rint(255 * np.clip(coded, 0, 1)).astype(np.uint8)
+    if samples.ndim == 3:
+        samples = np.ascontiguousarray(samples[..., ::-1])
+    encoded = cv2.imencode(".jpg", samples, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+    return f"data:image/jpeg;base64,{base64.b64encode(encoded.tobytes()).decode()}"

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Final, Literal
 
-import cv2
 import numpy as np
 
 import acquisition
 import rig
-from rig.arrays import AnyArray, Float32, Int64, UInt8
+from rig.arrays import AnyArray, Float32, Int64
 from sgp.pictures.crop import Crop
-from sgp.report.folder import Inputs, ResultFolder, changed_notice
+from sgp.report.folder import Inputs, ResultFolder, changed_notice, noted
 from sgp.report.maps import Embedded
+from sgp.report.prerendered import jpeg, reduced
 from sgp.results.recordings import recordings_of
 
 _MOST_IMAGES: Final = 40
@@ -38,8 +37,8 @@ class Image:
         ``kept``, or ``rejected``: recorded, but it does not count.
     known
         Whether the records of the result prove that it was computed from this image.
-    jpeg
-        The picture in base64.
+    source
+        Address of the picture, which contains it.
     """
 
     name: str
@@ -48,7 +47,7 @@ class Image:
     exposure_us: float | None
     status: Literal["kept", "rejected"]
     known: bool
-    jpeg: str
+    source: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,10 +93,8 @@ def read_recording(folder: ResultFolder, maps: Embedded | None, max_pixels: int)
         source = acquisition.read_source(named, lights=lights, max_pixels=max_pixels)
         shots = _unchanged(source, list(_shots(source)), inputs, notices)
     except (acquisition.DataError, acquisition.MissingPathError, OSError, ValueError) as error:
-        text = f"the recording is not shown: {error}"
-        return Recording(
-            lights=lights, notices=[*notices, rig.Notice("recording-unreadable", text)]
-        )
+        text, shots = f"the recording is not shown: {error}", []
+        notices.append(rig.Notice("recording-unreadable", text))
     if not shots:
         return Recording(lights=lights, notices=notices)
     return _recording(source, shots, _region(folder, maps, shots[0].shape), lights, notices)
@@ -128,14 +125,8 @@ def _recording(
 ) -> Recording:
     chosen = [shots[i] for i in _evenly(len(shots))]
     images = _images(source, chosen, region or Crop(slice(0, None), slice(0, None)), notices)
-    return Recording(
-        images,
-        len(shots),
-        lights or source.lights,
-        region is not None,
-        notices,
-        recordings_of(source.files),
-    )
+    known, identities = lights or source.lights, recordings_of(source.files)
+    return Recording(images, len(shots), known, region is not None, notices, identities)
 
 
 def _lights(
@@ -148,11 +139,9 @@ def _lights(
     if inputs.state(path) == "changed":
         notices.append(changed_notice([path], "the lights are not shown"))
         return None
-    try:
+    with noted(notices, "recording", "the lights are not shown: "):
         return acquisition.read_lights(path)
-    except (acquisition.DataError, acquisition.MissingPathError) as error:
-        notices.append(rig.Notice("recording-unreadable", f"the lights are not shown: {error}"))
-        return None
+    return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,12 +165,8 @@ def _shots(source: acquisition.Source) -> Iterator[_Shot]:
     counted = {frame.path for frame in session.frames}
     for frame in session.recorded:
         if frame.path not in counted:
-            yield _Shot(
-                frame,
-                partial(_upright, frame, mounting),
-                mounting.upright_shape(frame.shape),
-                "rejected",
-            )
+            read = partial(_upright, frame, mounting)
+            yield _Shot(frame, read, mounting.upright_shape(frame.shape), "rejected")
 
 
 def _upright(frame: acquisition.session.SessionFrame, mounting: rig.Mounting) -> AnyArray:
@@ -252,50 +237,20 @@ def _images(
 ) -> list[Image]:
     span = source.white_level - source.black_level
     span = span if np.isfinite(span) else 1.0
-    pictures: dict[int, Float32] = {}
-    for number, shot in enumerate(shots):
-        try:
-            pixels = shot.read()
-        except (acquisition.DataError, acquisition.MissingPathError) as error:
-            notices.append(rig.Notice("recording-unreadable", str(error)))
-            continue
-        signal = (_small(pixels, region) - source.black_level) / span
-        pictures[number] = source.transfer.light(signal).astype(np.float32)
+    pictures: list[tuple[_Shot, Float32]] = []
     bright: dict[float | None, float] = {}
-    for number, picture in pictures.items():
-        key = shots[number].frame.exposure_us
-        bright[key] = max(bright.get(key, 1e-6), float(np.percentile(picture, _BRIGHT)))
+    for shot in shots:
+        with noted(notices, "recording"):
+            part = shot.read()[region.rows, region.columns]
+            signal = (reduced(part, _SIDE_PX) - source.black_level) / span
+            picture = source.transfer.light(signal).astype(np.float32)
+            pictures.append((shot, picture))
+            key = shot.frame.exposure_us
+            bright[key] = max(bright.get(key, 1e-6), float(np.percentile(picture, _BRIGHT)))
     found = []
-    for number, picture in pictures.items():
-        shot = shots[number]
-        light = np.clip(picture / bright[shot.frame.exposure_us], 0, 1)
-        encoded = _srgb(light)
-        jpeg = cv2.imencode(".jpg", encoded, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1]
+    for shot, picture in pictures:
         frame = shot.frame
-        found.append(
-            Image(
-                frame.path.name,
-                frame.light_id,
-                frame.role,
-                frame.exposure_us,
-                shot.status,
-                shot.known,
-                base64.b64encode(jpeg.tobytes()).decode(),
-            )
-        )
+        recorded = frame.path.name, frame.light_id, frame.role, frame.exposure_us
+        light = np.clip(picture / bright[frame.exposure_us], 0, 1)
+        found.append(Image(*recorded, shot.status, shot.known, jpeg(light, _QUALITY)))
     return found
-
-
-def _small(pixels: AnyArray, region: Crop) -> Float32:
-    part = pixels[region.rows, region.columns]
-    rows, columns = part.shape[:2]
-    share = min(1.0, _SIDE_PX / max(rows, columns))
-    size = max(1, round(columns * share)), max(1, round(rows * share))
-    small = cv2.resize(np.ascontiguousarray(part), size, interpolation=cv2.INTER_AREA)
-    return np.asarray(small, np.float32)
-
-
-def _srgb(light: Float32) -> UInt8:
-    coded = np.where(light > 0.0031308, 1.055 * light ** (1 / 2.4) - 0.055, 12.92 * light)
-    samples: UInt8 = np.rint(255 * coded).astype(np.uint8)
-    return np.ascontiguousarray(samples[..., ::-1]) if samples.ndim == 3 else samples

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 from typing import Any, Final
@@ -25,7 +25,7 @@ from sgp.report.planes import SIDE
 from sgp.report.prerendered import prerendered
 from sgp.report.recording import Recording, read_bare_recording, read_recording
 from sgp.report.scripts import VIEWS
-from sgp.report.sections import identity_list, image_id, marked, sections
+from sgp.report.sections import Part, identity_list, image_id, marked, sections
 from sgp.report.source_maps import Companion, companions
 from sgp.results.result import Result
 
@@ -44,24 +44,6 @@ class Report:
     notices: list[rig.Notice]
     reduction: list[float]
     reduced: list[str]
-
-
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """A result on the page, or a map that one was computed from (without a folder)."""
-
-    number: int
-    name: str
-    maps: Embedded | None
-    folder: ResultFolder | None = None
-    recording: Recording = field(default_factory=Recording)
-    notices: list[rig.Notice] = field(default_factory=list)
-
-    @property
-    def identities(self) -> Sequence[acquisition.Identity]:
-        """What the recordings were of: by the records, or by the recording that is still there."""
-        stated = () if self.folder is None else self.folder.recordings
-        return stated or self.recording.identities
 
 
 def make_report(
@@ -87,7 +69,7 @@ def make_report(
     pixels = _PIXELS / len(folders)
     rest: int | None = None
     while True:
-        parts: list[_Part] = []
+        parts: list[Part] = []
         for folder in folders:
             parts += folder.parts(len(parts), pixels, full)
         embedded = [part.maps for part in parts if part.maps]
@@ -148,7 +130,7 @@ class _Folder:
         }
         self._notices += [one for one in notices if (one.code, one.text) not in known]
 
-    def parts(self, first: int, pixels: float, full: bool) -> Iterator[_Part]:
+    def parts(self, first: int, pixels: float, full: bool) -> Iterator[Part]:
         """Yield the result, and the maps that it was computed from."""
         maps = embed(self._maps, pixels, full=full)
         folder, numbers = self._folder, count(first)
@@ -164,11 +146,11 @@ class _Folder:
         ]
         path = folder.path.absolute()
         name = path.name or str(path)
-        yield _Part(next(numbers), name, maps, folder, self._recording, notices)
+        yield Part(next(numbers), name, maps, folder, self._recording, notices)
         if maps is not None:
             for name, values, mask in self._beside:
                 beside = embed_beside(values, mask, maps, pixels, full=full)
-                yield _Part(next(numbers), name, beside)
+                yield Part(next(numbers), name, beside)
 
 
 def _recording(folder: ResultFolder, maps: Embedded | None, max_pixels: int) -> Recording:
@@ -183,7 +165,7 @@ def _recording(folder: ResultFolder, maps: Embedded | None, max_pixels: int) -> 
         ) from error
 
 
-def _page(parts: Sequence[_Part], *, maps: bool = True) -> str:
+def _page(parts: Sequence[Part], *, maps: bool = True) -> str:
     """Return the page; without ``maps``, all of it but the encoded maps."""
     folders = [part for part in parts if part.folder]
     identities: dict[acquisition.Identity, list[str]] = {}
@@ -203,43 +185,19 @@ def _page(parts: Sequence[_Part], *, maps: bool = True) -> str:
     pictures = [
         prerendered(found.planes, part.name, titled=len(shown) > 1) for part, found in shown
     ]
-    heading = " of {}" if len(folders) > 1 else ""
-    body = [
-        tag(
-            "header",
-            tag("h1", name),
-            tag("p", _lead(parts), class_="lead"),
-            (
-                identity_list(one, names if len(folders) > 1 else ())
-                for one, names in identities.items()
-            ),
-        ),
-        tag(
-            "main",
-            tag("div", id="views"),
-            tag("section", *pictures, id="prerendered"),
-            *(
-                section
-                for part in folders
-                if part.folder
-                for section in sections(
-                    part.number,
-                    part.folder,
-                    part.maps,
-                    part.recording,
-                    part.notices,
-                    heading.format(part.name),
-                )
-            ),
-        ),
-    ]
+    several = len(folders) > 1
+    recorded = (identity_list(one, names if several else ()) for one, names in identities.items())
+    header = tag("header", tag("h1", name), tag("p", _lead(parts), class_="lead"), recorded)
+    about = (sections(part, f" of {part.name}" if several else "") for part in folders)
+    views = tag("div", id="views"), tag("section", *pictures, id="prerendered")
     described = [_described(part, found) for part, found in shown]
     report = {"results": described, "colourMaps": colour_maps()}
     with_heights = any("height" in found.planes for _, found in shown)
+    body = header, tag("main", *views, *about)
     return page(name, body, report, planes, VIEWS if with_heights else ())
 
 
-def _lead(parts: Sequence[_Part]) -> str:
+def _lead(parts: Sequence[Part]) -> str:
     """Say what the maps of the page are, and how much they were reduced."""
     texts = []
     for part in parts:
@@ -262,11 +220,11 @@ def _lead(parts: Sequence[_Part]) -> str:
     return "; ".join(texts)
 
 
-def _plane_id(part: _Part, name: str) -> str:
+def _plane_id(part: Part, name: str) -> str:
     return f"plane-{part.number}-{name}"
 
 
-def _described(part: _Part, maps: Embedded) -> dict[str, Any]:
+def _described(part: Part, maps: Embedded) -> dict[str, Any]:
     """Return what the scripts have to know of a result."""
     rows, columns = maps.size
     lights = part.recording.lights
@@ -308,7 +266,7 @@ def _described(part: _Part, maps: Embedded) -> dict[str, Any]:
     }
 
 
-def _tiles(part: _Part, maps: Embedded) -> dict[str, Any] | None:
+def _tiles(part: Part, maps: Embedded) -> dict[str, Any] | None:
     if not maps.tiles:
         return None
     rows, columns = maps.crop.size

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import posixpath
 import re
 from functools import cache
 from importlib.resources import files
@@ -60,7 +61,7 @@ def _add(path: str, modules: dict[str, str], importing: tuple[str, ...]) -> None
     source = asset(path)
     lines = []
     for names, target in _IMPORT.findall(source):
-        found = _resolved(path, target)
+        found = posixpath.normpath(posixpath.join(posixpath.dirname(path), target))
         _add(found, modules, (*importing, path))
         missing = {name.strip() for name in names.split(",")} - set(exports(found))
         if missing:
@@ -77,17 +78,6 @@ def _add(path: str, modules: dict[str, str], importing: tuple[str, ...]) -> None
 def exports(path: str) -> list[str]:
     """Return the names that a module exports."""
     return _EXPORT.findall(asset(path))
-
-
-def _resolved(path: str, target: str) -> str:
-    folder = path.rpartition("/")[0]
-    parts: list[str] = folder.split("/")
-    for part in target.split("/"):
-        if part == "..":
-            parts.pop()
-        elif part != ".":
-            parts.append(part)
-    return "/".join(parts)
 
 
 def _variable(path: str) -> str:

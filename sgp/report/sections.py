@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Final
 
 import acquisition
 import rig
 from sgp.report.folder import ResultFolder
-from sgp.report.html import Html, tag
+from sgp.report.html import Html, details, tag
 from sgp.report.lights import lights_section
 from sgp.report.maps import Embedded
 from sgp.report.recording import Image, Recording
@@ -18,35 +19,49 @@ _NOT_GIVEN: Final[tuple[object, ...]] = (None, False, [], "")
 _SEVERITIES: Final = {"error": "Error", "warning": "Warning", "info": "Note"}
 
 
-def sections(
-    number: int,
-    folder: ResultFolder,
-    embedded: Embedded | None,
-    recording: Recording,
-    notices: Sequence[rig.Notice],
-    heading: str,
-) -> list[Html]:
-    """Return the sections about a result; ``heading`` names it if there are several.
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A result on the page, or a map that one was computed from (without a folder).
 
     ``notices`` are those besides the ones of its records.
     """
-    noted = [*notices, *(one for record in folder.records.values() for one in record.notices)]
-    found = [tag("section", tag("h2", "Notices", heading), notices_list(noted))]
-    if embedded and any(plane.kind == "scalar" for plane in embedded.planes.values()):
-        lead = tag("p", "Colour scales leave out .5 % of the pixels at each end.", class_="lead")
-        maps = tag("div", id=f"maps-{number}", class_="maps")
-        found.append(tag("section", tag("h2", "Maps", heading), lead, maps))
-    if recording.images:
-        found.append(
-            tag("section", tag("h2", "Recording", heading), _contact_sheet(number, recording))
-        )
-    if recording.lights is not None:
-        lights = lights_section(folder, recording.lights)
-        found.append(tag("section", tag("h2", "Lights", heading), lights))
-    records = [_record(name, record) for name, record in folder.records.items()]
-    if records:
-        found.append(tag("section", tag("h2", "Records", heading), records))
-    return found
+
+    number: int
+    name: str
+    maps: Embedded | None
+    folder: ResultFolder | None = None
+    recording: Recording = field(default_factory=Recording)
+    notices: list[rig.Notice] = field(default_factory=list)
+
+    @property
+    def identities(self) -> Sequence[acquisition.Identity]:
+        """What the recordings were of: by the records, or by the recording that is still there."""
+        stated = () if self.folder is None else self.folder.recordings
+        return stated or self.recording.identities
+
+
+def sections(part: Part, heading: str) -> list[Html]:
+    """Return the sections about a result; ``heading`` names it if there are several."""
+    folder, recording, number = part.folder, part.recording, part.number
+    if folder is None:
+        return []
+    noted = [*part.notices, *(one for record in folder.records.values() for one in record.notices)]
+    planes = part.maps.planes.values() if part.maps else ()
+    lead = tag("p", "Colour scales leave out .5 % of the pixels at each end.", class_="lead")
+    maps = lead, tag("div", id=f"maps-{number}", class_="maps")
+    lights = recording.lights
+    contents: dict[str, Html | Sequence[Html]] = {
+        "Notices": notices_list(noted),
+        "Maps": maps if any(plane.kind == "scalar" for plane in planes) else (),
+        "Recording": _contact_sheet(number, recording) if recording.images else (),
+        "Lights": () if lights is None else lights_section(folder, lights),
+        "Records": [_record(name, record) for name, record in folder.records.items()],
+    }
+    return [
+        tag("section", tag("h2", title, heading), content)
+        for title, content in contents.items()
+        if content
+    ]
 
 
 def _contact_sheet(number: int, recording: Recording) -> Html:
@@ -55,20 +70,12 @@ def _contact_sheet(number: int, recording: Recording) -> Html:
     count = f"{total} images" if shown == total else f"{shown} of {total} images"
     lead = f"{count}, {rejected} of them rejected. " if rejected else f"{count}. "
     lead += "Images of the same exposure time are shown equally bright."
-    figures = (
-        tag(
-            "figure",
-            tag(
-                "img",
-                src=f"data:image/jpeg;base64,{image.jpeg}",
-                alt=f"Image {image.name}",
-                id=image_id(number, place),
-            ),
-            tag("figcaption", _caption(image)),
-            class_=image.status,
-        )
-        for place, image in enumerate(recording.images)
-    )
+    figures = []
+    for place, image in enumerate(recording.images):
+        name, own = f"Image {image.name}", image_id(number, place)
+        picture = tag("img", src=image.source, alt=name, id=own)
+        caption = tag("figcaption", _caption(image))
+        figures.append(tag("figure", picture, caption, class_=image.status))
     return tag("div", tag("p", lead, class_="lead"), tag("div", figures, class_="contact"))
 
 
@@ -93,21 +100,11 @@ def notices_list(notices: Iterable[rig.Notice]) -> Html:
     ordered = sorted(dict.fromkeys(notices), key=lambda one: [*_SEVERITIES].index(one.severity))
     if not ordered:
         return tag("p", "No notices.")
-    return tag(
-        "ul",
-        (
-            tag(
-                "li",
-                tag("span", f"{_SEVERITIES[one.severity]}: ", class_="severity"),
-                str(one),
-                " ",
-                tag("code", one.code),
-                class_=one.severity,
-            )
-            for one in ordered
-        ),
-        class_="notices",
-    )
+    items = []
+    for one in ordered:
+        severity = tag("span", f"{_SEVERITIES[one.severity]}: ", class_="severity")
+        items.append(tag("li", severity, str(one), " ", tag("code", one.code), class_=one.severity))
+    return tag("ul", items, class_="notices")
 
 
 def _record(name: str, record: ResultRecord) -> Html:
@@ -118,15 +115,11 @@ def _record(name: str, record: ResultRecord) -> Html:
         "div",
         tag("h3", name),
         tag("p", f"{record.command}, {record.software.name} {record.software.version}"),
-        _details("Figures", _rows(record.metrics)),
-        _details("Parameters", _rows(given)),
-        _details("Parameters with default values", _rows(defaults)) if defaults else (),
-        _details("Inputs (SHA-256)", _rows(record.inputs)),
+        details("Figures", _rows(record.metrics)),
+        details("Parameters", _rows(given)),
+        details("Parameters with default values", _rows(defaults)) if defaults else (),
+        details("Inputs (SHA-256)", _rows(record.inputs)),
     )
-
-
-def _details(title: str, rows: Html) -> Html:
-    return tag("details", tag("summary", title), tag("div", rows, class_="scroll"))
 
 
 def _rows(values: Mapping[str, object]) -> Html:

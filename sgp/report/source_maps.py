@@ -6,13 +6,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-import acquisition
-import processing
 import rig
 from rig.arrays import Bool
 from sgp.cli.options import Green
-from sgp.report.folder import Inputs, ResultFolder, changed_notice, read_folder
-from sgp.report.large_maps import Values, large_normals
+from sgp.report.folder import Inputs, ResultFolder, changed_notice, noted
+from sgp.report.large_maps import Values, read_vectors
 from sgp.results.record import ResultRecord
 
 Companion = tuple[str, Values, Bool]
@@ -71,19 +69,8 @@ def companions(
 def _read(
     name: str, path: Path, green: Green, max_pixels: int, notices: list[rig.Notice]
 ) -> Iterator[Companion]:
-    file = path / "normals.exr" if path.is_dir() else path
-    try:
-        if file.is_file():
-            large = large_normals(read_folder(file.parent), file, max_pixels)
-            if large is not None:
-                yield name, *large
-                return
-        found = processing.read_normals(path, green=green, max_pixels=max_pixels)
-    except (acquisition.DataError, acquisition.MissingPathError) as error:
-        title = name.partition(":")[0]
-        notices.append(rig.Notice("map-unreadable", f"“{title}” is not shown: {error}"))
-        return
-    yield name, found.normal_map.normals, found.normal_map.mask
+    with noted(notices, "map", f"“{name.partition(':')[0]}” is not shown: "):
+        yield name, *read_vectors(path, max_pixels, green)
 
 
 def _green(record: ResultRecord, parameter: str) -> Green:

@@ -37,9 +37,9 @@ from __future__ import annotations
 import mmap
 import struct
 import time
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
 
 from rig import RigError
 
@@ -153,7 +153,7 @@ class BenchWriter:
         _BOARD_COUNTERS.pack_into(self._map, _BOARD_AT, 2 * self._changes, *counts)
 
 
-class BenchState:
+class BenchState(AbstractContextManager["BenchState"]):
     """Reads lit periods, trigger pulses and exposures, and writes the camera's part.
 
     Raises
@@ -233,9 +233,6 @@ class BenchState:
     def close(self) -> None:
         """Close the file."""
         self._map.close()
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -7,9 +7,10 @@ import math
 import mmap
 import shutil
 from collections.abc import Callable, Collection
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Self, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -158,7 +159,7 @@ class GentlDevice:
     temperature_c: float = 40.0
 
 
-class GentlCamera:
+class GentlCamera(AbstractContextManager["GentlCamera"]):
     """A virtual GenICam camera: a folder with a GenTL producer and the images it sees.
 
     Any GenICam program can open its ``cti``. It has the same sensor and light as `VirtualCamera`
@@ -215,23 +216,16 @@ class GentlCamera:
     ) -> None:
         self.serial = device.serial
         noise, cfa, lamps = formation.noise, formation.cfa, formation.lamps
-        shake_px, readout_us = formation.shake_px, device.readout_us
-        frame_rate_hz, most_buffers = device.frame_rate_hz, device.most_buffers
         self._check(cfa is None or cfa in CFAS, f"cfa {cfa!r} is not one of {', '.join(CFAS)}")
-        self._check(0 <= shake_px <= 8, f"shake_px is {shake_px}, it must be within 0..8")
-        self._check(0 <= leds <= MAX_LEDS, f"leds is {leds}, it must be within 0..{MAX_LEDS}")
+        self._check_within("0..8", shake_px=formation.shake_px)
+        self._check_within(f"0..{MAX_LEDS}", leds=leds)
         self._check(
             all(1 <= n <= 65535 for n in size),
             f"size is {size}, height and width must be within 1..65535",
         )
-        self._check(
-            0.1 <= frame_rate_hz <= 1e6,
-            f"frame_rate_hz is {frame_rate_hz}, it must be within 0.1..1e6",
-        )
-        self._check(0 <= readout_us <= 1e7, f"readout_us is {readout_us}, it must be within 0..1e7")
-        self._check(
-            1 <= most_buffers <= 256, f"most_buffers is {most_buffers}, it must be within 1..256"
-        )
+        self._check_within("0.1..1e6", frame_rate_hz=device.frame_rate_hz)
+        self._check_within("0..1e7", readout_us=device.readout_us)
+        self._check_within("1..256", most_buffers=device.most_buffers)
         bench = b"" if bench_state_path is None else str(bench_state_path.absolute()).encode()
         self._check(len(bench) < MAX_PATH, f"the path of the bench state is too long: {bench!r}")
         name = device.serial.encode()
@@ -254,33 +248,28 @@ class GentlCamera:
         fields.height, fields.width = size
         fields.leds = leds
         fields.content = CONTENT_FRAMES if precomposed else CONTENT_PLANES
-        fields.bit_depth = noise.bit_depth
-        fields.noisy = formation.noisy
+        for part, names in (
+            (noise, "bit_depth electrons_per_dn read_noise_e black_level_dn quantum_efficiency"),
+            (noise, "dark_current_e_per_s"),
+            (lamps, "warm_up warm_up_s flicker pwm_duty"),
+            (formation, "noisy seed shake_px"),
+            (device, "most_buffers readout_us temperature_c"),
+        ):
+            for item in names.split():
+                setattr(fields, item, getattr(part, item))
         fields.rolling = device.shutter == "rolling"
         fields.block_base = device.first_block_id
         fields.autos = sum(AUTOMATICS[automatic] for automatic in set(device.automatics))
         fields.stuck = sum(AUTOMATICS[automatic] for automatic in set(device.stuck))
         fields.patterned = pattern is not None
-        fields.most_buffers = most_buffers
-        fields.seed = formation.seed
         fields.cfa = (cfa or "").encode()
-        fields.serial = name
-        fields.hidden = hidden
-        fields.bench_path = bench
-        fields.readout_us = readout_us
-        fields.frame_period_us = 1e6 / frame_rate_hz
-        fields.shake_px = shake_px
-        for item in ("electrons_per_dn", "read_noise_e", "black_level_dn", "quantum_efficiency",
-                     "dark_current_e_per_s"):  # fmt: skip
-            setattr(fields, item, getattr(noise, item))
+        fields.serial, fields.hidden, fields.bench_path = name, hidden, bench
+        fields.frame_period_us = 1e6 / device.frame_rate_hz
         fields.full_well_e = math.inf if noise.full_well_e is None else noise.full_well_e
-        for item in ("warm_up", "warm_up_s", "flicker", "pwm_duty"):
-            setattr(fields, item, getattr(lamps, item))
         fields.pwm_hz = lamps.pwm_hz or 0.0
         for led in lamps.dead:
             if led < MAX_LEDS:
                 fields.dead[led] = 1
-        fields.temperature_c = device.temperature_c
         fields.plugged = 1
 
     def set_fault(
@@ -345,9 +334,6 @@ class GentlCamera:
             self._control.close()
             self._owned.close()
 
-    def __enter__(self) -> Self:
-        return self
-
     def __exit__(self, *_: object) -> None:
         self.close()
 
@@ -359,6 +345,11 @@ class GentlCamera:
     def _check(self, valid: bool, complaint: str) -> None:
         if not valid:
             raise CameraError(f"camera {self.serial}: {complaint}")
+
+    def _check_within(self, bounds: str, **values: float) -> None:
+        low, high = map(float, bounds.split(".."))
+        for name, value in values.items():
+            self._check(low <= value <= high, f"{name} is {value}, it must be within {bounds}")
 
     def _write_planes(self, planes: GentlPlanes, leds: int, kind: type[np.generic]) -> None:
         name = "frames.u16" if kind is np.uint16 else "planes.f32"

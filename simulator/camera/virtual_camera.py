@@ -18,8 +18,6 @@ from simulator.camera.sensor import ImageFormation, pixel_format
 from simulator.camera.virtual_sensor import Exposure, VirtualSensor
 from simulator.scene.lens import CFAS
 
-__all__ = ["CameraFault", "Planes", "VirtualCamera"]
-
 CameraFault = Literal["lost", "late", "unplug"]
 
 EXPOSURE_MIN_US = 10.0

@@ -8,6 +8,7 @@ import shlex
 import shutil
 import subprocess
 from collections.abc import Mapping
+from contextlib import closing
 from pathlib import Path
 
 from acquisition import StorageError, make_folder, write_durably
@@ -59,15 +60,12 @@ def build() -> Path:
         return cti
     try:
         make_folder(folder)
-        scratch = OwnedFolder("build-", folder)
-        try:
+        with closing(OwnedFolder("build-", folder)) as scratch:
             built = scratch.path / cti.name
             command = [*compiler, *_FLAGS, *map(str, sources), "-o", str(built), *_LIBRARIES]
             # Also for the compiler's temporary files, which remain if it is killed.
             _run(command, os.environ | {"TMPDIR": str(scratch.path)})
             write_durably(cti, built.read_bytes())
-        finally:
-            scratch.close()
     except (OSError, StorageError) as error:
         raise CompilerError(
             f"{folder}: the virtual camera cannot be built there ({error}); "

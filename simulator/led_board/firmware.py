@@ -40,11 +40,7 @@ _PACES = {"T": 0, "A": 1}
 
 
 class _RefusedError(Exception):
-    """Command is refused with this error code."""
-
-    def __init__(self, code: ErrorCode) -> None:
-        super().__init__(code)
-        self.code = code
+    """Command is refused with this `ErrorCode`."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +138,7 @@ class BoardFirmware:
         try:
             words = self._act(command, verb)
         except _RefusedError as refused:
-            reply = Reply(command.seq, command.verb, command.args, int(refused.code))
+            reply = Reply(command.seq, command.verb, command.args, int(refused.args[0]))
         else:
             if words is None:
                 self._flashing = command

@@ -8,7 +8,6 @@ import select
 import shutil
 import subprocess
 from pathlib import Path
-from typing import Self
 
 from rig import RigError
 from rig.processes import module_command
@@ -18,7 +17,7 @@ _START_TIMEOUT_S = 30.0
 _END_TIMEOUT_S = 1.0
 
 
-class VirtualBoard:
+class VirtualBoard(contextlib.AbstractContextManager["VirtualBoard"]):
     """Virtual LED board that runs in its own process.
 
     Parameters
@@ -78,9 +77,6 @@ class VirtualBoard:
         """End the process and remove its bench state; closing twice does nothing."""
         self._end()
         shutil.rmtree(self.bench_state_path.parent, ignore_errors=True)
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
 from rig.arrays import Float64, Intp
-from simulator.reliefs.measurement import power_noise, slope
+from simulator.reliefs.measurement import power_noise, slope, turned
 
 Random = np.random.Generator
 
@@ -21,7 +21,7 @@ def weave(random: Random, size: int) -> Float64:
     width = random.uniform(8, 40)
     x = x + 0.1 * width * random.random() * power_noise(random, size, 2.2)
     y = y + 0.1 * width * random.random() * power_noise(random, size, 2.2)
-    u, v = _turned(x, y, random.uniform(0, math.pi))
+    u, v = turned(x, y, random.uniform(0, math.pi))
     u, v = u / width, v / width
     kind = random.integers(3)
     if kind == 0:
@@ -40,7 +40,7 @@ def strokes(random: Random, size: int) -> Float64:
     height = np.zeros((size, size))
     for _ in range(random.integers(3, 25)):
         left, top = random.uniform(0, size, 2)
-        u, v = _turned(x - left, y - top, random.uniform(0, math.pi))
+        u, v = turned(x - left, y - top, random.uniform(0, math.pi))
         length, half = random.uniform(10, 120), random.uniform(1.5, 9)
         v = v - random.normal(0, 0.01) * u**2
         beyond = np.maximum(np.abs(u) - length / 2, 0)
@@ -61,7 +61,7 @@ def bodies(random: Random, size: int) -> Float64:
     for _ in range(random.integers(2, 14)):
         left, top = random.uniform(-20, size + 20, 2)
         axes = random.uniform(8, 90, 2)
-        u, v = _turned(x - left, y - top, random.uniform(0, math.pi))
+        u, v = turned(x - left, y - top, random.uniform(0, math.pi))
         inside = np.maximum(1 - (u / axes[0]) ** 2 - (v / axes[1]) ** 2, 0)
         rise = random.uniform(0.3, 1) * axes.min()
         height = np.maximum(height, rise * np.sqrt(inside) + random.uniform(-5, 5))
@@ -79,11 +79,6 @@ def summed(
     if random.random() < bodies_share:
         height += random.uniform(0.1, 0.6) * bodies(random, size)
     return height
-
-
-def _turned(x: Float64, y: Float64, angle: float) -> tuple[Float64, Float64]:
-    c, s = math.cos(angle), math.sin(angle)
-    return c * x + s * y, c * y - s * x
 
 
 def cells(random: Random, size: int) -> Float64:

@@ -7,8 +7,8 @@ import math
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
+from acquisition import DataError
 from rig.arrays import Float64
-from simulator._errors import DataError
 
 Random = np.random.Generator
 
@@ -99,6 +99,12 @@ def unit(vectors: Float64) -> Float64:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
+def turned(x: Float64, y: Float64, angle: float) -> tuple[Float64, Float64]:
+    """Return positions in axes that are turned counterclockwise by an angle in radians."""
+    cosine, sine = math.cos(angle), math.sin(angle)
+    return cosine * x + sine * y, cosine * y - sine * x
+
+
 def power_noise(
     random: Random, size: int, power: float, *, longest: float = math.inf, stretch: float = 1.0
 ) -> Float64:
@@ -122,19 +128,16 @@ def power_noise(
     Array
         ``(size, size)`` heights of mean 0 and standard deviation 1.
     """
-    x, y = np.fft.fftfreq(size)[None, :], np.fft.fftfreq(size)[:, None]
-    angle = random.uniform(0, math.pi)
-    along, across = (
-        math.cos(angle) * x + math.sin(angle) * y,
-        math.cos(angle) * y - math.sin(angle) * x,
-    )
+    waves = np.asarray(np.fft.fftfreq(size), np.float64)
+    x, y = waves[None, :], waves[:, None]
+    along, across = turned(x, y, random.uniform(0, math.pi))
     frequency = np.hypot(stretch * along, across)
     frequency[0, 0] = 1
     amplitude = frequency**-power
     amplitude[np.hypot(x, y) < 1 / longest] *= _LONG_WAVES
     amplitude[0, 0] = 0
-    waves = np.fft.fft2(random.standard_normal((size, size)))
-    noise = np.fft.ifft2(amplitude * waves).real
+    spectrum = np.fft.fft2(random.standard_normal((size, size)))
+    noise = np.fft.ifft2(amplitude * spectrum).real
     return np.asarray(noise / noise.std())
 
 

@@ -23,6 +23,7 @@ from simulator.reliefs.measurement import (
     scaled_to_slope,
     slope,
     smooth,
+    turned,
     unit,
 )
 from simulator.shapes.carved_surfaces import CrackedLeather, Textile
@@ -161,9 +162,7 @@ def material(random: Random, size: int) -> Float64:
         radius = random.uniform(0.5, 1.5) * size
         surface = Coin(radius, dome_mm=random.uniform(0.01, 0.1) * radius, seed=seed)
     y, x = np.mgrid[:size, :size] - size / 2 + random.uniform(-0.3, 0.3, (2, 1, 1)) * size
-    angle = random.uniform(0, 2 * math.pi)
-    c, s = math.cos(angle), math.sin(angle)
-    return surface.evaluate(c * x + s * y, c * y - s * x)[0]
+    return surface.evaluate(*turned(x, y, random.uniform(0, 2 * math.pi)))[0]
 
 
 def rugged_normals(seed: int, size: int = 240) -> Float32:
@@ -206,7 +205,7 @@ def rugged_normals(seed: int, size: int = 240) -> Float32:
         normals = rounded(normals)
     elif stored < 0.5:
         normals = _compressed(random, normals)
-    return normals[_MARGIN:-_MARGIN, _MARGIN:-_MARGIN].astype(np.float32)
+    return _inner(normals).astype(np.float32)
 
 
 def _rugged_relief(random: Random, size: int) -> Float64:
@@ -231,15 +230,9 @@ def _compressed(random: Random, normals: Float64) -> Float64:
     """Return normals after storage as a JPEG of quality 75 to 98, with all colours or half."""
     image = np.round(127.5 * (normals[..., ::-1] + 1)).clip(0, 255).astype(np.uint8)
     quality = int(random.integers(75, 99))
-    colours = (
-        cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444
-        if random.random() < 0.5
-        else cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420
-    )
-    options = [
-        *(cv2.IMWRITE_JPEG_QUALITY, quality),
-        *(cv2.IMWRITE_JPEG_SAMPLING_FACTOR, colours),
-    ]
+    factors = cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420
+    colours = factors[int(random.random() >= 0.5)]
+    options = [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, colours]
     stored = cv2.imencode(".jpg", image, options)[1]
     read = cv2.imdecode(stored, cv2.IMREAD_COLOR)
     return unit(np.asarray(read, np.float64)[..., ::-1] / 127.5 - 1)
@@ -316,8 +309,7 @@ def foliage(random: Random, size: int) -> Float64:
         y, x = np.mgrid[: part.shape[0], : part.shape[1]] + np.array(
             [[[top - middle[0]]], [[left - middle[1]]]]
         )
-        angle = random.uniform(0, 2 * np.pi)
-        u, v = np.cos(angle) * x + np.sin(angle) * y, np.cos(angle) * y - np.sin(angle) * x
+        u, v = turned(x, y, random.uniform(0, 2 * np.pi))
         tilt, fold = random.normal(0, 0.5, 2), random.normal(0, 0.4)
         rise = random.uniform(0, length) + tilt[0] * u + tilt[1] * v + fold * np.abs(v)
         inside = np.abs(v) < across * (1 - (u / along) ** 2)
@@ -340,16 +332,10 @@ def warped(random: Random, height: Float64) -> Float64:
     """Return a surface that is folded and sheared sideways, by 0.5 to 8 pixels."""
     size, strength = len(height), logarithmic(random, 0.5, 8)
     power = random.uniform(1.2, 2.2)
-    y, x = np.mgrid[:size, :size] + strength * np.stack(
-        [power_noise(random, size, power) for _ in range(2)]
-    )
-    moved = cv2.remap(
-        height.astype(np.float32),
-        x.astype(np.float32),
-        y.astype(np.float32),
-        cv2.INTER_CUBIC,
-        borderMode=cv2.BORDER_REFLECT_101,
-    )
+    shifts = np.stack([power_noise(random, size, power) for _ in range(2)])
+    y, x = (np.mgrid[:size, :size] + strength * shifts).astype(np.float32)
+    border = cv2.BORDER_REFLECT_101
+    moved = cv2.remap(height.astype(np.float32), x, y, cv2.INTER_CUBIC, borderMode=border)
     return np.asarray(moved, np.float64)
 
 

@@ -59,7 +59,7 @@ def board_view(
     >>> from simulator import Lens, bench_camera
     >>> from simulator.rendering import board_view
     >>> from simulator.shapes import ChArUco
-    >>> lens, board = Lens.of(bench_camera()), ChArUco(7, 5, 30)
+    >>> lens, board = Lens(bench_camera()), ChArUco(7, 5, 30)
     >>> image = board_view(lens, board, np.eye(3), (0, 0, 0), sheet_mm=(230, 170))
     >>> image.shape, round(float(image.max()), 2)
     ((512, 640), 0.85)

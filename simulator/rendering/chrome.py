@@ -11,8 +11,7 @@ import numpy as np
 from rig import in_threads, short_repr
 from rig.arrays import Bool, Float32, Float64
 from simulator.rendering.shadow import Occluders
-from simulator.scene.clutter import BALL, BOX
-from simulator.scene.lens import Lens
+from simulator.scene.lens import Lens, directions_across
 from simulator.scene.scene import ChromeSphere, Scene
 
 _MOST_RINGS = 16
@@ -136,12 +135,6 @@ def draw_mirrored_lights(
         in_threads(_draw, len(planes), planes, spots, shares, gains, sigma, top)
 
 
-def splat(plane: Float32, x_px: float, y_px: float, sigma: float, sum_: float) -> None:
-    """Add a Gaussian spot, integrated over each pixel, whose pixels have the sum ``sum_``."""
-    spot, share = np.array([[[x_px, y_px]]]), np.array([[sum_]])
-    _draw(0, 1, plane[None], spot, share, np.ones((1, 2, 2)), sigma, 0)
-
-
 def _mirrored(
     scene: Scene, disc_mm: Float64, occluders: Occluders | None
 ) -> tuple[Float64, Float64, Float64, Float64]:
@@ -154,7 +147,7 @@ def _mirrored(
     """
     lens, lights, near, samples = scene.lens, scene.lights, scene.lights.near, len(disc_mm)
     axes = np.repeat(np.asarray(lights.axes), samples, axis=0)
-    first, second = across(axes)
+    first, second = directions_across(axes)
     places = np.asarray(lights.positions_mm if near else lights.directions)
     targets = np.repeat(places, samples, axis=0)
     power, mu = scene.irradiance, np.repeat(np.asarray(lights.mu), samples)
@@ -203,13 +196,11 @@ def _mirrored(
 
 def _behind_clutter(scene: Scene, points: Float64) -> Bool:
     """Return which points of a sphere clutter hides from the camera."""
-    clutter, lens = scene.clutter_table, scene.lens
-    balls, boxes = clutter[clutter[:, 0] == BALL], clutter[clutter[:, 0] == BOX]
-    eye = [0.0, 0.0, lens.camera_z_mm if lens.camera else 1.0]
+    near = scene.lens.camera is not None
+    eye = np.array([[[0.0, 0.0, scene.lens.camera_z_mm if near else 1.0]]])
     even, solid = np.ones((1, len(points)), np.float32), np.zeros(len(points), np.bool_)
-    objects = Occluders(balls[:, 1:5], None, boxes[:, 1:])
-    near = lens.camera is not None
-    hidden: Bool = objects.occlude(even, points, points, solid, np.array([[eye]]), near)[0]
+    objects = Occluders.of(scene.clutter_table, None)
+    hidden: Bool = objects.occlude(even, points, points, solid, eye, near)[0]
     return hidden
 
 
@@ -409,11 +400,3 @@ def between(start: Float64, way: Float64, length: Float64 | float, sphere: Chrom
     t = np.clip(((middle - start) * way).sum(axis=1), 0.0, length)
     inside: Bool = np.linalg.norm(start + t[:, None] * way - middle, axis=1) < sphere.radius_mm
     return inside
-
-
-def across(axes: Float64) -> tuple[Float64, Float64]:
-    """Return two unit vectors at right angles to each axis and to each other."""
-    helper = np.where(np.abs(axes[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
-    first = np.cross(axes, helper)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return first, np.cross(axes, first)

@@ -116,48 +116,7 @@ def cramer_rao_deg(
     >>> cramer_rao_deg(normals, np.full((1, 1), 0.5), lights, measured).round(1)
     array([[0.9]], dtype=float32)
     """
-    shape = normals.shape[:2]
-    _check(normals, albedo, lights, measurement, points_mm, shadows)
-    share, seen = _colours(albedo, measurement.channel)
-    noise = measurement.noise
-    scale = noise.quantum_efficiency
-    electrons_per_dn = noise.electrons_per_dn / 10.0 ** (measurement.gain_db / 20.0)
-    white_e = (noise.converter_end_dn - noise.black_level_dn) * electrons_per_dn
-    out = np.full(shape, np.nan, np.float32)
-    in_threads(
-        _bound,
-        len(out),
-        np.ascontiguousarray(normals, np.float32),
-        np.ascontiguousarray(seen, np.float32),
-        np.zeros((1, 1, 3), np.float32)
-        if points_mm is None
-        else np.ascontiguousarray(points_mm, np.float32),
-        np.zeros((0, 0, 0), np.bool_) if shadows is None else np.ascontiguousarray(shadows),
-        np.ascontiguousarray(share, np.float32),
-        _light_table(lights),
-        np.ascontiguousarray(lights.intensities, np.float64),
-        lights.near,
-        _plane("photons_per_us", measurement.photons_per_us, shape) * scale,
-        _plane("background_per_us", measurement.background_per_us, shape) * scale,
-        np.array(measurement.exposures_us, np.float64),
-        noise.dark_current_e_per_s / 1e6,
-        noise.read_noise_e**2 + electrons_per_dn**2 / 12,
-        white_e if noise.full_well_e is None else min(white_e, noise.full_well_e),
-        out,
-    )
-    return out
-
-
-def _check(
-    normals: Floating,
-    albedo: Floating,
-    lights: Lights,
-    measurement: Measurement,
-    points_mm: Floating | None,
-    shadows: Bool | None,
-) -> None:
-    shape = normals.shape[:2]
-    exposures_us = measurement.exposures_us
+    shape, exposures_us = normals.shape[:2], measurement.exposures_us
     wanted = {
         "normals": (normals, (*shape, 3)),
         "albedo": (albedo, (*shape, 3) if albedo.ndim == 3 else shape),
@@ -174,6 +133,32 @@ def _check(
         raise DataError(
             f"Cramer-Rao bound: exposure times {list(exposures_us)} us must be positive"
         )
+    share, seen = _colours(albedo, measurement.channel)
+    noise = measurement.noise
+    scale = noise.quantum_efficiency
+    electrons_per_dn = noise.electrons_per_dn / 10.0 ** (measurement.gain_db / 20.0)
+    white_e = (noise.converter_end_dn - noise.black_level_dn) * electrons_per_dn
+    out = np.full(shape, np.nan, np.float32)
+    in_threads(
+        _bound,
+        len(out),
+        np.ascontiguousarray(normals, np.float32),
+        np.ascontiguousarray(seen, np.float32),
+        np.ascontiguousarray(np.zeros((1, 1, 3)) if points_mm is None else points_mm, np.float32),
+        np.ascontiguousarray(np.zeros((0, 0, 0)) if shadows is None else shadows, np.bool_),
+        np.ascontiguousarray(share, np.float32),
+        _light_table(lights),
+        np.ascontiguousarray(lights.intensities, np.float64),
+        lights.near,
+        _plane("photons_per_us", measurement.photons_per_us, shape) * scale,
+        _plane("background_per_us", measurement.background_per_us, shape) * scale,
+        np.array(exposures_us, np.float64),
+        noise.dark_current_e_per_s / 1e6,
+        noise.read_noise_e**2 + electrons_per_dn**2 / 12,
+        white_e if noise.full_well_e is None else min(white_e, noise.full_well_e),
+        out,
+    )
+    return out
 
 
 def _colours(albedo: Floating, channel: Integer | None) -> tuple[Floating, Floating]:

@@ -6,16 +6,16 @@ import math
 import shutil
 import tempfile
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from functools import cached_property
 from pathlib import Path
-from typing import Self
 
 import numpy as np
 
 from acquisition import DataError, MapRows, StorageError
 from acquisition.files import BandFile, ComputedRows, storage_error
 from rig import Progress, no_progress
-from rig.arrays import Bool, Float64
+from rig.arrays import Bool
 from rig.processes import memory_of_computer
 from simulator.rendering.blur import blur_reach
 from simulator.rendering.canvas import POINTS, Canvas
@@ -34,7 +34,7 @@ _STORED_PER_LIGHT, _STORED_PER_PIXEL, _STORED_AT_WORK = 10, 150, 2**27
 _MEMORY_BYTES = 2**30
 
 
-class StoredRendering:
+class StoredRendering(AbstractContextManager["StoredRendering"]):
     """A rendering in temporary files, from `render_stored`; use it as a context manager.
 
     Attributes
@@ -48,10 +48,9 @@ class StoredRendering:
         self._mirrored = mirrored
         width, lights = scene.lens.size[1], len(scene.lights)
         self._files: list[BandFile] = []
-        _check_space(scene, folder)
         try:
             # The files stay open, and have no name, so that a killed process leaves nothing.
-            with _temporary_folder(folder) as place:
+            with _temporary_folder(scene, folder) as place:
                 self._place = Path(place)
                 self._planes = [self._file(np.float32, width) for _ in range(lights)]
                 self._ambient = self._file(np.float32, width)
@@ -126,18 +125,10 @@ class StoredRendering:
             top=rows.start,
         )
 
-    @property
-    def highlights_px(self) -> Float64:
-        """Positions of the mirrored lights; see `Truth`."""
-        return self._mirrored.pixels
-
     def close(self) -> None:
         """Remove the temporary files."""
         for file in self._files:
             file.close()
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
@@ -204,26 +195,23 @@ def _is_shadow(name: str) -> bool:
     return name.startswith("shadows/")
 
 
-def _temporary_folder(folder: Path) -> tempfile.TemporaryDirectory[str]:
-    try:
-        return tempfile.TemporaryDirectory(prefix=".sgp-", dir=folder)
-    except OSError as error:
-        raise storage_error(folder, "create a temporary folder", error) from error
-
-
-def _check_space(scene: Scene, folder: Path) -> None:
+def _temporary_folder(scene: Scene, folder: Path) -> tempfile.TemporaryDirectory[str]:
+    """Return a temporary folder on a disk that has space for the images."""
     height, width = scene.lens.size
     # Images and packed shadows; ambient light, normals, height, albedo, masks.
     each = 4.125 * len(scene.lights) + 37 + len(scene.spheres)
     try:
         free = shutil.disk_usage(folder).free
+        made = tempfile.TemporaryDirectory(prefix=".sgp-", dir=folder)
     except OSError as error:
         raise storage_error(folder, "create a temporary folder", error) from error
     if each * height * width > free:
+        made.cleanup()
         raise StorageError(
             f"{folder}: the rendering needs {each * height * width / 1e6:,.0f} MB for temporary "
             f"files, but {free / 1e6:,.0f} MB are free: free space, or use a smaller image"
         )
+    return made
 
 
 def _rows_of_band(renderer: RowRenderer, memory_bytes: int) -> int:

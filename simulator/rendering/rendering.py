@@ -9,7 +9,7 @@ import numpy as np
 
 from acquisition import CameraModel, DataError, Lights, MapRows, NoiseModel
 from rig import pluralize, short_repr
-from rig.arrays import Bool, Float32, Float64
+from rig.arrays import Bool, Float32, Float64, Intp
 from simulator.rendering.blur import blur
 from simulator.scene.lens import Lens
 from simulator.scene.scene import Scene
@@ -100,11 +100,16 @@ class Truth:
         return None if self.camera is None else self.lens.camera_z_mm - self.height_mm
 
     @property
-    def points_mm(self) -> Float64:
-        """``(H, W, 3)`` surface points at the pixels' centres, NaN outside the mask."""
+    def places_px(self) -> tuple[Intp, Intp]:
+        """Columns and rows of the pixels in the image, ``(H, W)`` each."""
         height, width = self.size
         x, y = np.meshgrid(np.arange(width), self.top + np.arange(height))
-        origins, rays = self.lens.origins_and_rays(x, y)
+        return x, y
+
+    @property
+    def points_mm(self) -> Float64:
+        """``(H, W, 3)`` surface points at the pixels' centres, NaN outside the mask."""
+        origins, rays = self.lens.origins_and_rays(*self.places_px)
         return origins + (self.lens.camera_z_mm - self.height_mm)[..., None] * rays
 
 
@@ -221,14 +226,11 @@ class Rendering:
         Rendering
             Rendering of these rows; ``truth.top`` is their place in the image.
         """
-        part = slice(first, last)
-        truth = self.truth
+        part, truth = slice(first, last), self.truth
+        names = ("normals", "height_mm", "albedo", "mask")
         rows = replace(
             truth,
-            normals=truth.normals[part],
-            height_mm=truth.height_mm[part],
-            albedo=truth.albedo[part],
-            mask=truth.mask[part],
+            **{name: getattr(truth, name)[part] for name in names},
             sphere_masks=truth.sphere_masks[:, part],
             shadows=None if truth.shadows is None else truth.shadows[:, part],
             top=truth.top + first,

@@ -11,12 +11,11 @@ import numpy as np
 
 from acquisition import Lights
 from rig import in_threads
-from rig.arrays import Bool, Float32, Float64, Int8, Int64
-from simulator.rendering.chrome import across
+from rig.arrays import Bool, Float32, Float64, Int8
 from simulator.rendering.shadow import Occluders
 from simulator.rendering.trace import Seen
-from simulator.scene.clutter import BALL, BOX
-from simulator.scene.reflectance import reflect
+from simulator.scene.lens import directions_across
+from simulator.scene.reflectance import BLOCK, reflect
 from simulator.scene.scene import Scene
 
 _BLOCK = 1024
@@ -53,10 +52,7 @@ class Shader:
         scene, caster = self.scene, None
         if scene.body is not None and scene.shadows:
             caster = scene.body.shadow_caster(self.shadow_step_mm)
-        clutter = scene.clutter_table
-        balls, boxes = clutter[clutter[:, 0] == BALL], clutter[clutter[:, 0] == BOX]
-        round_ = np.concatenate([scene.sphere_table[:, :4], balls[:, 1:5]])
-        return Occluders(round_, caster, boxes[:, 1:])
+        return Occluders.of(scene.clutter_table, caster, scene.sphere_table[:, :4])
 
     def shade(self, seen: Seen, albedo: Float32, channel: Int8) -> tuple[Float32, Float32, Bool]:
         """Return the radiance of points toward the camera.
@@ -145,8 +141,14 @@ class Shader:
     ) -> None:
         """Convert the irradiance from some lamps to radiance, in place."""
         scene = self.scene
-        reflect(
-            (scene.material, *(item.material for item in scene.clutter)),
+        materials = (scene.material, *(item.material for item in scene.clutter))
+        # The object's material is 0, then those of the clutter follow. Points of the board, and
+        # all that a sphere mirrors, count as Lambertian (-1).
+        index = np.where(seen.item >= 0, seen.item + 1, np.where(seen.on_object, 0, -1))
+        in_threads(
+            reflect,
+            -(-light.shape[1] // BLOCK),
+            np.array([each.lobes for each in materials], np.float64),
             light,
             self._lamps[lamps],
             scene.lights.near,
@@ -156,17 +158,8 @@ class Shader:
             scene.lens.eye_to(seen.points_mm),
             albedo,
             channel,
-            _materials(seen),
+            np.where(seen.direct, index, -1),
         )
-
-
-def _materials(seen: Seen) -> Int64:
-    """Return the index of each point's material: 0 the object's, then those of the clutter.
-
-    Points of the board, and all that a sphere mirrors, count as Lambertian (-1).
-    """
-    index = np.where(seen.item >= 0, seen.item + 1, np.where(seen.on_object, 0, -1))
-    return np.where(seen.direct, index, -1)
 
 
 def lamp_table(lights: Lights) -> Float64:
@@ -190,7 +183,7 @@ def lamp_parts(lights: Lights, radius_mm: float, count: int) -> Float64:
     places = np.asarray(lights.positions_mm if lights.near else lights.directions)
     if count == 1:
         return places[:, None].copy()
-    first, second = across(np.asarray(lights.axes))
+    first, second = directions_across(np.asarray(lights.axes))
     index = np.arange(count)
     reach = radius_mm * np.sqrt((index + 0.5) / count)
     u, v = reach * np.cos(index * _GOLDEN_ANGLE), reach * np.sin(index * _GOLDEN_ANGLE)

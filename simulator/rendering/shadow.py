@@ -16,6 +16,7 @@ import numpy as np
 from rig import in_threads
 from rig.arrays import Bool, Float32, Float64
 from simulator.rendering.shadow_kernels import BLOCK, TILE, WALL, block
+from simulator.scene.clutter import BALL, BOX
 from simulator.shapes.body import HeightGrid
 from simulator.shapes.bvh import TriangleTree
 
@@ -46,6 +47,14 @@ class Occluders:
     spheres: Float64
     body: HeightGrid | TriangleTree | None
     boxes: Float64 = field(default_factory=lambda: np.zeros((0, 8)))
+
+    @classmethod
+    def of(
+        cls, clutter: Float64, body: HeightGrid | TriangleTree | None, *spheres: Float64
+    ) -> Occluders:
+        """Return the objects of `Scene.clutter_table`, a body, and rows of spheres before balls."""
+        balls, boxes = clutter[clutter[:, 0] == BALL], clutter[clutter[:, 0] == BOX]
+        return cls(np.concatenate([*spheres, balls[:, 1:5]]), body, boxes[:, 1:])
 
     def occlude(
         self,
@@ -89,7 +98,8 @@ class Occluders:
             if len(self.spheres) or len(self.boxes) or isinstance(self.body, HeightGrid):
                 self._block(blocked, points_mm, solid, toward, near)
             if isinstance(self.body, TriangleTree):
-                _block_by_mesh(self.body, blocked, points_mm, normals, solid, toward, near)
+                lifted = points_mm + _LIFT_MM * normals
+                _block_by_mesh(self.body, blocked, lifted, solid, toward, near)
             seen += ~blocked
         light *= seen * np.float32(1 / parts)
         return np.asarray(2 * seen < parts, np.bool_)
@@ -171,15 +181,8 @@ def lowered(grid: HeightGrid) -> Float32:
 
 
 def _block_by_mesh(
-    tree: TriangleTree,
-    blocked: Bool,
-    points: Float64,
-    normals: Float64,
-    solid: Bool,
-    lamps: Float64,
-    near: bool,
+    tree: TriangleTree, blocked: Bool, lifted: Float64, solid: Bool, lamps: Float64, near: bool
 ) -> None:
-    lifted = points + _LIFT_MM * normals
     for shaded, lamp in zip(blocked, lamps, strict=True):
         ask = np.flatnonzero(~shaded & solid)
         start = lifted[ask]

@@ -15,7 +15,7 @@ from rig.kernels import PART
 from simulator.scene.clutter import BALL
 from simulator.scene.scene import Scene
 
-# Compiled in: simulator/scene/clutter.py ed1da6d64b11
+# Compiled in: simulator/scene/clutter.py 1dcce88b9e5d
 
 _BOUNCES = 4
 # Steps of the search for the relief of the board. Each one divides the error by the product of the

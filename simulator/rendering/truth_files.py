@@ -144,28 +144,21 @@ def _bound_deg(
     rendering: Rendering | StoredRendering, rows: slice, exposures_us: Sequence[float]
 ) -> Float32:
     truth, dead = rendering.truth_of(rows), list(rendering.scene.lamps.dead)
-    height, width = truth.size
-    x, y = np.meshgrid(np.arange(width), truth.top + np.arange(height))
-    shadows = truth.shadows
+    shadows, places = truth.shadows, truth.places_px
     if dead:
         # An image of a dead LED is as dark as a shadow.
-        whole = (len(truth.lights), height, width)
+        whole = (len(truth.lights), *truth.size)
         shadows = np.zeros(whole, np.bool_) if shadows is None else shadows.copy()
         shadows[dead] = True
-    return cramer_rao_deg(
-        truth.normals,
-        truth.albedo,
-        truth.lights,
-        Measurement(
-            truth.noise,
-            truth.electrons_per_us * truth.lens.vignette(x, y),
-            exposures_us,
-            background_per_us=rendering.plane(None)[rows],
-            channel=truth.lens.channel(x, y),
-        ),
-        points_mm=truth.points_mm,
-        shadows=shadows,
+    measurement = Measurement(
+        truth.noise,
+        truth.electrons_per_us * truth.lens.vignette(*places),
+        exposures_us,
+        background_per_us=rendering.plane(None)[rows],
+        channel=truth.lens.channel(*places),
     )
+    surface = truth.normals, truth.albedo, truth.lights, measurement
+    return cramer_rao_deg(*surface, points_mm=truth.points_mm, shadows=shadows)
 
 
 def _values(rendering: Rendering | StoredRendering) -> dict[str, Any]:

@@ -10,10 +10,10 @@ from rig import Board, Camera, Rig, RigConfig, RigConfigError
 from rig.arrays import Float32
 from rig.genicam import open_genicam
 from simulator.bench.state import BenchState
-from simulator.bench.wiring import Wiring
+from simulator.bench.wiring import Planes, Wiring
 from simulator.camera.gentl_camera import GentlCamera, GentlDevice
 from simulator.camera.sensor import ImageFormation, pixel_format
-from simulator.camera.virtual_camera import Planes, VirtualCamera
+from simulator.camera.virtual_camera import VirtualCamera
 from simulator.gentl import CompilerError, build
 from simulator.led_board.virtual_board import VirtualBoard
 
@@ -98,11 +98,11 @@ def simulated_rig(
     wanted = "inside" if inside_only else camera
     lacking = None if wanted == "inside" or camera == "gentl" else _why_not_built()
     with contextlib.ExitStack() as opened:
-        virtual = opened.enter_context(VirtualBoard(config.leds))
+        # What the rig ends when it is closed.
+        closing = opened.enter_context(contextlib.ExitStack())
+        virtual = closing.enter_context(VirtualBoard(config.leds))
         board = Board(virtual.port)
         opened.callback(board.close)
-        closing = contextlib.ExitStack()
-        closing.callback(virtual.close)
         device: Camera
         if wanted != "inside" and lacking is None:
             gentl_camera = GentlCamera(
@@ -113,11 +113,9 @@ def simulated_rig(
                 device=GentlDevice(frame_rate_hz=frame_rate_hz),
                 bench_state_path=virtual.bench_state_path,
             )
-            opened.callback(gentl_camera.close)
-            closing.callback(gentl_camera.close)
-            device = open_genicam(
-                gentl_camera.cti, pixel_format=pixel_format(formation.cfa, bit_depth)
-            )
+            closing.enter_context(gentl_camera)
+            format_ = pixel_format(formation.cfa, bit_depth)
+            device = open_genicam(gentl_camera.cti, pixel_format=format_)
         else:
             inside = VirtualCamera(
                 seen,

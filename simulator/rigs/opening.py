@@ -137,16 +137,13 @@ def open_rig(config: RigConfig) -> Rig:
         rendering = render(replace(scene, noise=sensor, lamps=lamps))
     except (DataError, MissingPathError) as error:
         raise RigConfigError(f"rig {config.name}: {error}") from error
+    same = {"seed", "realtime", "sensor_seed", "camera", "frame_rate_hz"}
     return open_rig_seeing(
         rendering,
         config,
-        seed=options.seed,
         noisy=options.noise,
-        realtime=options.realtime,
-        sensor_seed=options.sensor_seed,
-        camera=options.camera,
-        frame_rate_hz=options.frame_rate_hz,
         flaws=BenchFlaws(wiring=wiring, shake_px=options.shake_px),
+        **options.model_dump(include=same),
     )
 
 

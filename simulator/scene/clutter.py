@@ -5,14 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from acquisition import DataError
-from rig.arrays import Float64
 from simulator.scene.reflectance import Ggx, Lambert
-from simulator.shapes.patterns import Albedo, check_albedo, check_length
+from simulator.shapes.ranges import Albedo, check_albedo, check_length
 
-# First column of `clutter_table`.
+# First column of `Scene.clutter_table`.
 BALL, BOX = 0.0, 1.0
 
 
@@ -67,7 +64,7 @@ class Ball:
 
     @property
     def row(self) -> tuple[float, ...]:
-        """Row of `clutter_table`."""
+        """Row of `Scene.clutter_table`."""
         return (BALL, *self.centre_mm, self.radius_mm, 0.0, 0.0, 1.0, 0.0)
 
 
@@ -134,7 +131,7 @@ class Box:
 
     @property
     def row(self) -> tuple[float, ...]:
-        """Row of `clutter_table`."""
+        """Row of `Scene.clutter_table`."""
         turn = math.radians(self.turn_deg)
         half = (length / 2 for length in self.size_mm)
         return (BOX, *self.centre_mm, *half, math.cos(turn), math.sin(turn))
@@ -145,8 +142,3 @@ Clutter = Ball | Box
 
 def _coat(roughness: float | None) -> Lambert | Ggx:
     return Lambert() if roughness is None else Ggx(roughness)
-
-
-def clutter_table(clutter: tuple[Clutter, ...]) -> Float64:
-    """Return ``(C, 9)``: kind, centre, radius or half edges, cosine and sine of the turn."""
-    return np.array([item.row for item in clutter], np.float64).reshape(-1, 9)

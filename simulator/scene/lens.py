@@ -17,6 +17,7 @@ from acquisition import CameraModel, DataError
 from rig import short_repr
 from rig.arrays import Float64, Int64, Integer
 from simulator.scene.distortion import distorted, undistorted
+from simulator.shapes.ranges import check_positive, check_within
 
 _CFA_CHANNEL = {"R": 0, "G": 1, "B": 2}
 # Supported mosaics, by their first 2 x 2 pixels.
@@ -26,6 +27,14 @@ _OUTLINE = 256
 # (Zhang, Zerubia and Olivo-Marin, Gaussian approximations of fluorescence microscope point-spread
 # function models, 2007).
 _AIRY = 0.42
+
+
+def directions_across(axes: Float64) -> tuple[Float64, Float64]:
+    """Return two unit vectors at right angles to each axis ``(n, 3)`` and to each other."""
+    helper = np.where(np.abs(axes[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+    first = np.cross(axes, helper)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return first, np.cross(axes, first)
 
 
 @dataclass(frozen=True)
@@ -58,10 +67,7 @@ class Optics:
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        for name in ("f_number", "focal_length_mm", "focus_mm", "wavelength_um"):
-            value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value > 0):
-                raise DataError(f"lens: {name} is {value}, it must be positive")
+        check_positive("lens", **{k: v for k, v in vars(self).items() if v is not None})
 
     def circle_px(self, depth_mm: Float64, focus_mm: float, focal_px: float) -> Float64:
         """Return the diameters of the circles of confusion of points at depths.
@@ -134,10 +140,8 @@ class Lens:
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        if not 0 <= self.vignetting <= 1:
-            raise DataError(f"lens: vignetting is {self.vignetting}, it must be within 0..1")
-        if not (math.isfinite(self.psf_sigma_px) and self.psf_sigma_px > 0):
-            raise DataError(f"lens: psf_sigma_px is {self.psf_sigma_px}, it must be positive")
+        check_within("lens", 0, 1, vignetting=self.vignetting)
+        check_positive("lens", psf_sigma_px=self.psf_sigma_px)
         if self.cfa is not None and self.cfa not in CFAS:
             raise DataError(f"lens: cfa {self.cfa!r} is not one of {', '.join(CFAS)}")
         flat = (self.width, self.height, self.pixel_mm, self.height_mm)
@@ -159,11 +163,6 @@ class Lens:
             self._check_folds()
 
     @classmethod
-    def of(cls, camera: CameraModel, **more: Any) -> Lens:
-        """Return a perspective lens; ``more`` are fields of this class."""
-        return cls(camera=camera, **more)
-
-    @classmethod
     def orthographic(
         cls, width: int, height: int, pixel_mm: float, height_mm: float, **more: Any
     ) -> Lens:
@@ -176,12 +175,8 @@ class Lens:
                 f"lens: an image size of {self.width} x {self.height} pixels is invalid: give the "
                 "size of an orthographic lens, or a camera"
             )
-        for name in ("pixel_mm", "height_mm"):
-            value = getattr(self, name)
-            if value is None or not (math.isfinite(value) and value > 0):
-                raise DataError(
-                    f"lens: {name} is {value}, it must be positive for an orthographic lens"
-                )
+        what = "positive for an orthographic lens"
+        check_positive("lens", what=what, pixel_mm=self.pixel_mm, height_mm=self.height_mm)
 
     def _check_folds(self) -> None:
         if not self._brown.any():
@@ -309,11 +304,9 @@ class Lens:
         sine = 0.0
         if self.camera is not None:
             sine = radius_mm / float(np.linalg.norm([*centre[:2], self.camera_z_mm - centre[2]]))
-        helper = [1.0, 0.0, 0.0] if abs(toward[0]) < 0.9 else [0.0, 1.0, 0.0]
-        first = np.cross(toward, helper)
-        first /= np.linalg.norm(first)
-        angle = np.arange(_OUTLINE) * (2 * math.pi / _OUTLINE)
-        around = np.outer(np.cos(angle), first) + np.outer(np.sin(angle), np.cross(toward, first))
+        first, second = directions_across(toward[None])
+        angle = np.arange(_OUTLINE)[:, None] * (2 * math.pi / _OUTLINE)
+        around = np.cos(angle) * first + np.sin(angle) * second
         circle = radius_mm * (sine * toward + math.sqrt(max(1 - sine**2, 0.0)) * around)
         pixels = self.project(centre + circle)
         rows, columns = self.size

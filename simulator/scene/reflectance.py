@@ -13,13 +13,12 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError
-from rig import in_threads
 from rig.arrays import Float32, Float64, Int8, Int64
 from rig.kernels import PART
+from simulator.shapes.ranges import check_within
 
 _LAMBERT, _OREN_NAYAR, _GGX = 0, 1, 2
-_BLOCK = 1024
+BLOCK = 1024  # points of a block
 # Smallest cosine to the camera: normals interpolated over a mesh may face away from the camera
 # slightly. The lobes are close to their limit here.
 _GRAZING = 1e-3
@@ -57,8 +56,7 @@ class OrenNayar:
     sigma_deg: float = 20.0
 
     def __post_init__(self) -> None:
-        if not 0 <= self.sigma_deg <= 90:
-            raise DataError(f"OrenNayar: sigma_deg is {self.sigma_deg}, it must be within 0..90")
+        check_within("OrenNayar", 0, 90, sigma_deg=self.sigma_deg)
 
     @property
     def lobes(self) -> tuple[int, float, float]:
@@ -95,10 +93,8 @@ class Ggx:
     f0: float = 0.04
 
     def __post_init__(self) -> None:
-        if not 0.02 <= self.roughness <= 1:
-            raise DataError(f"Ggx: roughness is {self.roughness}, it must be within 0.02..1")
-        if not 0 <= self.f0 <= 1:
-            raise DataError(f"Ggx: f0 is {self.f0}, it must be within 0..1")
+        check_within("Ggx", 0.02, 1, roughness=self.roughness)
+        check_within("Ggx", 0, 1, f0=self.f0)
 
     @property
     def lobes(self) -> tuple[int, float, float]:
@@ -146,58 +142,6 @@ def reflectance(
     return out
 
 
-def reflect(
-    materials: tuple[Material, ...],
-    light: Float32,
-    table: Float64,
-    near: bool,
-    intensities: Float64,
-    points_mm: Float64,
-    normals: Float64,
-    toward_eye: Float64,
-    albedo: Float32,
-    channel: Int8,
-    material: Int64,
-) -> None:
-    """Convert irradiance to radiance in place.
-
-    Parameters
-    ----------
-    materials
-        Materials of the scene.
-    light
-        ``(N, n)`` irradiance of every light of intensity 1 at every point; overwritten with
-        radiance.
-    table, near
-        Rows that begin with the lights' positions if ``near``, otherwise with unit directions.
-    intensities
-        ``(N, 3)`` intensities in red, green, blue.
-    points_mm, normals, toward_eye
-        ``(n, 3)`` points, unit normals, and unit vectors toward the camera.
-    albedo
-        ``(n, 3)`` albedo in red, green, blue.
-    channel
-        ``(n,)`` channel that the pixel sees, 0, 1 or 2; -1 for the mean of the three.
-    material
-        ``(n,)`` index of the material of each point; -1 is Lambertian.
-    """
-    in_threads(
-        _reflect,
-        -(-light.shape[1] // _BLOCK),
-        np.array([each.lobes for each in materials], np.float64).reshape(-1, 3),
-        light,
-        table,
-        near,
-        intensities,
-        points_mm,
-        normals,
-        toward_eye,
-        albedo,
-        channel,
-        material,
-    )
-
-
 @numba.njit(**PART)
 def _lobes(
     kind: float, first: float, second: float, light: float, eye: float, between: float
@@ -240,7 +184,7 @@ def _reflectance(
 
 
 @numba.njit(nogil=True, cache=True)
-def _reflect(
+def reflect(
     first: int,
     last: int,
     lobes: Float64,
@@ -255,10 +199,34 @@ def _reflect(
     channel: Int8,
     material: Int64,
 ) -> None:
+    """Convert irradiance to radiance in place.
+
+    Parameters
+    ----------
+    first, last
+        Blocks of points.
+    lobes
+        ``(M, 3)`` rows of the materials of the scene.
+    light
+        ``(N, n)`` irradiance of every light of intensity 1 at every point; overwritten with
+        radiance.
+    table, near
+        Rows that begin with the lights' positions if ``near``, otherwise with unit directions.
+    intensities
+        ``(N, 3)`` intensities in red, green, blue.
+    points, normals, eyes
+        ``(n, 3)`` points in mm, unit normals, and unit vectors toward the camera.
+    albedo
+        ``(n, 3)`` albedo in red, green, blue.
+    channel
+        ``(n,)`` channel that the pixel sees, 0, 1 or 2; -1 for the mean of the three.
+    material
+        ``(n,)`` index of the material of each point; -1 is Lambertian.
+    """
     count = light.shape[1]
     for block in range(first, last):
         for k in range(len(light)):
-            for i in range(block * _BLOCK, min((block + 1) * _BLOCK, count)):
+            for i in range(block * BLOCK, min((block + 1) * BLOCK, count)):
                 if light[k, i] == 0.0:
                     continue
                 c = channel[i]

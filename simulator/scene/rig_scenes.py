@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from acquisition import CameraModel, DataError, Lights, NoiseModel
+from rig.arrays import Float64
 from simulator.scene.lens import Lens
 from simulator.scene.scene import ChromeSphere, Scene
 from simulator.shapes.body import Body
@@ -119,17 +120,19 @@ def dome_lights(
     directions = []
     for ring, count in enumerate(np.diff(ends, prepend=0)):
         azimuth = 2 * math.pi * (np.arange(count) + 0.5 * (ring % 2)) / max(count, 1)
-        rise = np.full(count, elevation[ring])
-        directions.append(
-            np.stack(
-                [np.cos(rise) * np.cos(azimuth), np.cos(rise) * np.sin(azimuth), np.sin(rise)],
-                axis=1,
-            )
-        )
+        directions.append(ring_directions(azimuth, elevation[ring]))
     positions = radius_mm * np.concatenate(directions) + rng.normal(0, jitter_mm, (n, 3))
     intensities = np.clip(rng.normal(1, spread, n), 1 - 3 * spread, 1 + 3 * spread)
     mu = np.clip(rng.normal(1, 0.03, n), 0.9, 1.1)
     return Lights(positions_mm=positions, intensities=intensities, mu=mu)
+
+
+def ring_directions(azimuth: Float64, elevation: float) -> Float64:
+    """Return ``(n, 3)`` unit vectors of one elevation; angles are in radians."""
+    rise = np.full(len(azimuth), elevation)
+    return np.stack(
+        [np.cos(rise) * np.cos(azimuth), np.cos(rise) * np.sin(azimuth), np.sin(rise)], axis=1
+    )
 
 
 def bench_camera(width: int = 640, height: int = 512) -> CameraModel:
@@ -221,7 +224,8 @@ def scene_named(
         raise DataError(f"scene {name}: amplitude is {amplitude_mm} mm, it must be positive")
     body: Body | None = None
     pattern: Pattern = Paint(0.35, 0.75, wavelength_mm=70.0, seed=seed)
-    board, spheres = Even(0.02), _NO_SPHERES
+    board = Even(0.02)
+    spheres: tuple[ChromeSphere, ...] = ()
     if name in _RELIEFS:
         make, usual_mm = _RELIEFS[name]
         body = make(usual_mm if amplitude_mm is None else amplitude_mm, seed)
@@ -238,7 +242,7 @@ def scene_named(
     return Scene(
         body=body,
         lights=dome_lights(leds, seed=seed),
-        lens=Lens.of(bench_camera(width, height), sharp=sharp),
+        lens=Lens(bench_camera(width, height), sharp=sharp),
         noise=bench_sensor(),
         electrons_per_us=0.42,
         pattern=pattern,
@@ -257,7 +261,6 @@ def _resting(x_mm: float, y_mm: float, radius_mm: float) -> ChromeSphere:
     return ChromeSphere((x_mm, y_mm, radius_mm), radius_mm)
 
 
-_NO_SPHERES: tuple[ChromeSphere, ...] = ()
 _CALIBRATION_SPHERES = (
     _resting(-92.0, 58.0, 20.0),
     _resting(84.0, 66.0, 16.0),

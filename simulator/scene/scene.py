@@ -11,12 +11,13 @@ import numpy as np
 from acquisition import CameraModel, DataError, Lights, NoiseModel
 from rig import pluralize
 from rig.arrays import Bool, Float32, Float64, Int64
-from simulator.scene.clutter import Ball, Clutter, clutter_table
+from simulator.scene.clutter import Ball, Clutter
 from simulator.scene.lamps import Lamps
 from simulator.scene.lens import Lens
 from simulator.scene.reflectance import Lambert, Material
 from simulator.shapes.body import Body
 from simulator.shapes.patterns import Even, Pattern
+from simulator.shapes.ranges import check_positive, check_within
 from simulator.shapes.surface import Surface
 
 _MOST_PARTS = 1024
@@ -70,7 +71,7 @@ class Scene:
         faces the light. A monochrome camera sees the mean over the three channels of intensity
         times albedo; a pixel of a Bayer mosaic sees one channel.
     lens
-        Lens and image size of the camera; `Lens.of` makes a lens from a `CameraModel`.
+        Lens and image size of the camera.
     noise
         Model of the sensor, for the virtual camera; the renderer itself adds no noise.
     electrons_per_us
@@ -137,18 +138,14 @@ class Scene:
         return f"Scene({body}, {counts}, {width} x {height} px)"
 
     def __post_init__(self) -> None:
-        for name in ("electrons_per_us", "board_radius_mm", "led_radius_mm"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise DataError(f"scene: {name} is {value}, it must be positive")
-        for name in ("ambient", "surroundings"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise DataError(f"scene: {name} is {getattr(self, name)}, it must be within 0..1")
-        if not 1 <= self.soft_shadow_samples <= _MOST_PARTS:
-            raise DataError(
-                f"scene: soft_shadow_samples is {self.soft_shadow_samples}, it must be within "
-                f"1..{_MOST_PARTS}"
-            )
+        check_positive(
+            "scene",
+            electrons_per_us=self.electrons_per_us,
+            board_radius_mm=self.board_radius_mm,
+            led_radius_mm=self.led_radius_mm,
+        )
+        check_within("scene", 0, 1, ambient=self.ambient, surroundings=self.surroundings)
+        check_within("scene", 1, _MOST_PARTS, soft_shadow_samples=self.soft_shadow_samples)
         self._check_spheres()
         self._check_clutter()
         self._check_camera_place()
@@ -289,8 +286,8 @@ class Scene:
 
     @property
     def clutter_table(self) -> Float64:
-        """``(C, 9)`` rows, see `clutter_table`."""
-        return clutter_table(self.clutter)
+        """``(C, 9)`` kind, centre, radius or half edges, cosine and sine of the turn."""
+        return np.array([item.row for item in self.clutter], np.float64).reshape(-1, 9)
 
     def relief_at(self, x_mm: Float64, y_mm: Float64) -> tuple[Float64, Float64]:
         """Return height ``(n,)`` and unit normals ``(n, 3)`` of the board's surface."""

@@ -203,12 +203,10 @@ def read_scene(
         return content.build(path.parent, leds=leds, size=size, seed=seed)
     except FileNotFoundError as error:
         raise MissingPathError(f"{path}: no such file") from error
-    except UnreadableError as error:
-        raise DataError(f"{path}: {error}") from error
     except ValidationError as error:
         message = validation_message(error, noun="key", known=SceneFile.model_fields)
         raise DataError(f"{path}: {message}") from error
-    except DataError as error:
+    except (UnreadableError, DataError) as error:
         raise DataError(f"{path}: {error}") from error
 
 

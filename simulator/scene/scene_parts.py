@@ -16,12 +16,11 @@ from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
 from acquisition import CameraModel, DataError, Lights, read_camera, read_lights
 from acquisition.values import led_id
-from rig.arrays import Float64
 from rig.messages import validation_message
 from simulator.scene.clutter import Ball, Box
 from simulator.scene.lens import Lens, Optics
 from simulator.scene.reflectance import Ggx, Lambert, OrenNayar
-from simulator.scene.rig_scenes import dome_lights
+from simulator.scene.rig_scenes import dome_lights, ring_directions
 from simulator.shapes.carved_surfaces import (
     CrackedLeather,
     LizardScales,
@@ -194,14 +193,12 @@ def ring(
             f"spread {spread:g} cannot be built: count >= 1, radius > 0, elevation within 0..90, "
             "spread < 0.3"
         )
-    around = 2 * math.pi * np.arange(count) / count
-    rise = np.full(count, math.radians(elevation_deg))
-    towards = np.stack(
-        [np.cos(rise) * np.cos(around), np.cos(rise) * np.sin(around), np.sin(rise)], axis=1
+    directions = ring_directions(
+        2 * math.pi * np.arange(count) / count, math.radians(elevation_deg)
     )
     drawn = np.random.default_rng(seed).normal(1, spread, count)
     return Lights(
-        positions_mm=radius_mm * towards,
+        positions_mm=radius_mm * directions,
         intensities=np.clip(drawn, 1 - 3 * spread, 1 + 3 * spread),
         mu=np.full(count, mu),
     )
@@ -225,17 +222,9 @@ def listed(
     mu: tuple[float, ...] | None = None,
 ) -> Lights:
     """Return lights from lists with one row per light, see `Lights`."""
-
-    def array(rows: tuple[object, ...] | None) -> Float64 | None:
-        return None if rows is None else np.array(rows, np.float64)
-
-    return Lights(
-        directions=array(directions),
-        positions_mm=array(positions_mm),
-        intensities=array(intensities),
-        axes=array(axes),
-        mu=array(mu),
-    )
+    lists = (directions, positions_mm, intensities, axes, mu)
+    arrays: list[Any] = [None if rows is None else np.array(rows, np.float64) for rows in lists]
+    return Lights(*arrays)
 
 
 def perspective(
@@ -262,7 +251,7 @@ def perspective(
         K = ((focal, 0.0, (width - 1) / 2), (0.0, focal, (height - 1) / 2), (0.0, 0.0, 1.0))
     camera = CameraModel(np.array(K), width, height, working_distance_mm, np.array(distortion))
     optics = Optics(f_number, focal_length_mm, focus_mm, wavelength_um)
-    return Lens.of(
+    return Lens(
         camera, vignetting=vignetting, psf_sigma_px=psf_sigma_px,
         optics=optics, sharp=sharp, cfa=cfa,
     )  # fmt: skip
@@ -281,7 +270,7 @@ def camera_file(
 ) -> Lens:
     """Return the lens of a camera file, which has an image size and a working distance."""
     optics = Optics(f_number, focal_length_mm, focus_mm, wavelength_um)
-    return Lens.of(
+    return Lens(
         read_camera(file), vignetting=vignetting, psf_sigma_px=psf_sigma_px,
         optics=optics, sharp=sharp, cfa=cfa,
     )  # fmt: skip

@@ -11,7 +11,6 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from acquisition import DataError
-from rig import in_threads
 from rig.arrays import Float64
 from simulator.shapes.carved_kernels import CELLS, leather, scales, textile, wood
 from simulator.shapes.field_trace import FieldBounds
@@ -51,10 +50,6 @@ class _Relief(Surface):
     def _unit_mm(self) -> float:
         return float(getattr(self, self._unit or "radius_mm"))
 
-    def _draw(self, x: Float64, y: Float64, out: Float64) -> None:
-        """Write height and gradient at ``(n,)`` positions into ``out`` (3, n)."""
-        in_threads(self._kernel, len(x), x, y, *self._drawing, out)
-
     @property
     def _drawing(self) -> tuple[Float64, ...]:
         """What the kernel draws."""
@@ -63,7 +58,7 @@ class _Relief(Surface):
     def evaluate(self, x_mm: Float64, y_mm: Float64) -> tuple[Float64, Float64, Float64]:
         """Return height and gradient at positions, see `Surface`."""
         unit = self._unit_mm
-        height, slope_x, slope_y = drawn(self._draw, x_mm, y_mm, unit)
+        height, slope_x, slope_y = drawn(self._kernel, x_mm, y_mm, *self._drawing, unit_mm=unit)
         low, high = self._reaches
         gain = self.amplitude_mm / (high - low)
         return gain * (height - low), gain / unit * slope_x, gain / unit * slope_y

@@ -13,7 +13,6 @@ from functools import cached_property, lru_cache
 import numba
 import numpy as np
 
-from rig import in_threads
 from rig.arrays import Float64
 from rig.kernels import PART
 from simulator.shapes.field_trace import FieldBounds
@@ -82,12 +81,9 @@ class Coin(Surface):
         """Return height and gradient at positions, see `Surface`."""
         z, zx, zy = self._dome.evaluate(x_mm, y_mm)
         scale = self.radius_mm / _DESIGN_RADIUS
-        height, slope_x, slope_y = drawn(self._draw, x_mm, y_mm, scale)
-        return z + height, zx + slope_x / scale, zy + slope_y / scale
-
-    def _draw(self, x: Float64, y: Float64, out: Float64) -> None:
         figure = self._strokes, self._grain, self.relief_mm, self.grain_mm
-        in_threads(_relief, len(x), x, y, *figure, out)
+        height, slope_x, slope_y = drawn(_relief, x_mm, y_mm, *figure, unit_mm=scale)
+        return z + height, zx + slope_x / scale, zy + slope_y / scale
 
 
 # The samples take longer than the rest of a scene, and a rig that is opened again has this coin.

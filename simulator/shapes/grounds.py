@@ -16,7 +16,8 @@ import numpy as np
 from rig import in_threads
 from rig.arrays import Float64
 from rig.kernels import PART
-from simulator.shapes.patterns import Albedo, Pattern, blend, turned
+from simulator.shapes.patterns import Pattern, blend, turned
+from simulator.shapes.ranges import Albedo
 
 # A glyph is 3 x 5 modules of a cell of 4 x 9: the rest is the space between letters and lines.
 _GLYPH_COLUMNS, _GLYPH_ROWS, _CELL_COLUMNS, _CELL_ROWS = 3, 5, 4, 9
@@ -136,9 +137,8 @@ class Weave(Pattern):
     def evaluate(self, x_mm: Float64, y_mm: Float64) -> Float64:
         """Return the albedo at positions, see `Pattern`."""
         x, y = turned(x_mm, y_mm, self.angle_deg)
-        return blend(
-            self.low, self.high, _drawn(_weave, x / self.yarn_mm, y / self.yarn_mm, self.seed)
-        )
+        share = _drawn(_weave, x / self.yarn_mm, y / self.yarn_mm, self.seed)
+        return blend(self.low, self.high, share)
 
 
 def _drawn(

@@ -17,6 +17,7 @@ from rig import short_repr
 from rig.arrays import Bool, Float64, Int64
 from simulator.shapes.body import BodyHits
 from simulator.shapes.bvh import TriangleTree
+from simulator.shapes.ranges import check_length
 
 SUFFIXES = (".obj", ".ply", ".stl")
 
@@ -114,8 +115,7 @@ class MeshBody:
             If the file cannot be parsed, or for the reasons listed for the class.
         """
         vertices, faces = read_triangles(path)
-        if not (math.isfinite(radius_mm) and radius_mm > 0):
-            raise DataError(f"{path}: radius_mm is {radius_mm}, it must be a positive length in mm")
+        check_length(str(path), radius_mm=radius_mm)
         if len(turn_deg) != 3 or not all(math.isfinite(angle) for angle in turn_deg):
             raise DataError(f"{path}: turn_deg is {turn_deg}, it must be three angles in degrees")
         # Check the mesh before it is moved, so that messages refer to the values in the file.

@@ -13,9 +13,8 @@ import numpy as np
 
 from acquisition import DataError
 from rig.arrays import Bool, Float64
+from simulator.shapes.ranges import Albedo, check_albedo, check_length
 from simulator.shapes.surface import random_waves
-
-Albedo = float | tuple[float, float, float]
 
 # A marker is 6 x 6 modules within a square of 8 x 8, so all edges are on one grid.
 _MODULES_PER_SQUARE, _MODULES_PER_MARKER = 8, 6
@@ -120,8 +119,7 @@ class Gradient(Pattern):
 
     def evaluate(self, x_mm: Float64, y_mm: Float64) -> Float64:
         """Return the albedo at positions, see `Pattern`."""
-        angle = math.radians(self.angle_deg)
-        along = (math.cos(angle) * x_mm + math.sin(angle) * y_mm) / self.length_mm
+        along = turned(x_mm, y_mm, self.angle_deg)[0] / self.length_mm
         return blend(self.low, self.high, np.clip(0.5 + along, 0.0, 1.0))
 
 
@@ -177,13 +175,11 @@ class ColourWheel(Pattern):
 
     def evaluate(self, x_mm: Float64, y_mm: Float64) -> Float64:
         """Return the albedo at positions, see `Pattern`."""
-        full = np.minimum(np.hypot(x_mm, y_mm) / self.radius_mm, 1.0)
-        hue = np.arctan2(y_mm, x_mm)
-        turn = np.cos(hue[..., None] - 2 * math.pi / 3 * np.arange(3))
-        albedo: Float64 = (self.low + self.high) / 2 + (self.high - self.low) / 2 * (
-            full[..., None] * turn
-        )
-        return albedo
+        full = np.minimum(np.hypot(x_mm, y_mm) / self.radius_mm, 1.0)[..., None]
+        hue = np.arctan2(y_mm, x_mm)[..., None]
+        swing = full * np.cos(hue - 2 * math.pi / 3 * np.arange(3))
+        middle, reach = (self.low + self.high) / 2, (self.high - self.low) / 2
+        return np.asarray(middle + reach * swing)
 
 
 @dataclass(frozen=True)
@@ -253,35 +249,6 @@ def turned(x_mm: Float64, y_mm: Float64, angle_deg: float) -> tuple[Float64, Flo
     """Return positions in axes that are turned counterclockwise by an angle."""
     cosine, sine = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
     return cosine * x_mm + sine * y_mm, cosine * y_mm - sine * x_mm
-
-
-def check_albedo(pattern: str, **values: Albedo) -> None:
-    """Check that albedos are one or three numbers within 0..1.
-
-    Raises
-    ------
-    DataError
-        If one is not.
-    """
-    for name, value in values.items():
-        levels = np.asarray(value, np.float64)
-        if levels.shape not in ((), (3,)) or not np.all((levels >= 0) & (levels <= 1)):
-            raise DataError(
-                f"{pattern}: {name} is {value}, it must be one or three numbers in 0..1"
-            )
-
-
-def check_length(pattern: str, **values: float) -> None:
-    """Check that lengths are finite and positive.
-
-    Raises
-    ------
-    DataError
-        If one is not.
-    """
-    for name, value in values.items():
-        if not (math.isfinite(value) and value > 0):
-            raise DataError(f"{pattern}: {name} is {value}, it must be a positive length in mm")
 
 
 def blend(first: Albedo, second: Albedo, share: Float64) -> Float64:

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numba
 import numpy as np
@@ -17,6 +17,7 @@ from rig import in_threads
 from rig.arrays import Bool, Float64
 from simulator.shapes.body import BodyHits, HeightGrid
 from simulator.shapes.field_trace import FieldBounds, meet_field
+from simulator.shapes.ranges import check_positive
 
 _WAVES = 24  # plane waves in band noise, enough to look isotropic
 _SAMPLES = 513  # samples along each side to find the extremes of a field
@@ -62,11 +63,7 @@ class Surface(ABC):
         self._positive("radius_mm", *self._lengths)
 
     def _positive(self, *names: str) -> None:
-        for name in names:
-            if getattr(self, name) <= 0:
-                raise DataError(
-                    f"{type(self).__name__}: {name} is {getattr(self, name)}, it must be positive"
-                )
+        check_positive(type(self).__name__, **{name: getattr(self, name) for name in names})
 
     @abstractmethod
     def evaluate(self, x_mm: Float64, y_mm: Float64) -> tuple[Float64, Float64, Float64]:
@@ -189,23 +186,17 @@ class Surface(ABC):
 
 
 def drawn(
-    draw: Callable[[Float64, Float64, Float64], None],
-    x_mm: Float64,
-    y_mm: Float64,
-    unit_mm: float = 1.0,
+    kernel: Callable[..., None], x_mm: Float64, y_mm: Float64, *figure: Any, unit_mm: float = 1.0
 ) -> Float64:
     """Return ``(3, ...)`` height and gradient of a kernel at positions x and y of one shape.
 
-    ``draw`` receives x and y, ``(n,)`` in units of ``unit_mm``, and an array of zeros ``(3, n)``
-    for its result.
+    The kernel receives x and y, ``(n,)`` in units of ``unit_mm``, the figure that it draws, and an
+    array of zeros ``(3, n)`` for its result.
     """
     x, y = np.broadcast_arrays(x_mm, y_mm)
     out = np.zeros((3, x.size))
-    draw(
-        np.ascontiguousarray(x, np.float64).ravel() / unit_mm,
-        np.ascontiguousarray(y, np.float64).ravel() / unit_mm,
-        out,
-    )
+    places = (np.ascontiguousarray(v, np.float64).ravel() / unit_mm for v in (x, y))
+    in_threads(kernel, x.size, *places, *figure, out)
     return out.reshape(3, *x.shape)
 
 
@@ -325,11 +316,7 @@ class BandNoise(Surface):
         """Return height and gradient at positions, see `Surface`."""
         waves = random_waves(self.wavelength_mm, self.seed, _WAVES)
         gain = self.rms_mm * math.sqrt(2 / _WAVES)
-
-        def draw(x: Float64, y: Float64, out: Float64) -> None:
-            in_threads(add_waves, len(x), x, y, waves, gain, out)
-
-        z, zx, zy = drawn(draw, x_mm, y_mm)
+        z, zx, zy = drawn(add_waves, x_mm, y_mm, waves, gain)
         return self.height_mm + z, zx, zy
 
     @cached_property

@@ -56,7 +56,7 @@ def shot(
     sheet_mm: tuple[float, float] = SHEET_MM,
 ) -> Float32:
     """Return an image with blur, shot noise and read noise, in electrons."""
-    lens = lens or Lens.of(CAMERA, sharp=False)
+    lens = lens or Lens(CAMERA, sharp=False)
     image = board_view(lens, printed, *pose, sheet_mm=sheet_mm)
     rng = np.random.default_rng(key)
     noisy = rng.poisson(image * _ELECTRONS) + rng.normal(0, _READ_E, image.shape)
@@ -78,7 +78,7 @@ def corners(
     """Return corners with normally distributed errors, projected by the simulator's lens."""
     turn, centre = pose
     flat = (BOARD.corners_mm - np.array(BOARD.size_mm) / 2) * (1, -1)
-    places = Lens.of(camera).project(np.pad(flat, ((0, 0), (0, 1))) @ turn.T + centre)
+    places = Lens(camera).project(np.pad(flat, ((0, 0), (0, 1))) @ turn.T + centre)
     places = places + rng.normal(0, sigma_px, places.shape)
     seen = np.all((places > 5) & (places < np.array([camera.width, camera.height]) - 6), axis=1)
     return BoardView(name, BOARD, camera.size, np.flatnonzero(seen), places[seen])

@@ -40,7 +40,7 @@ class Card:
 @cache
 def card(seed=1, leds=36, width=320, vignetting=THIRTY_PERCENT, cfa=None):
     model = camera(width)
-    lens = Lens.of(model, vignetting=vignetting, sharp=False, cfa=cfa)
+    lens = Lens(model, vignetting=vignetting, sharp=False, cfa=cfa)
     rendering = render(replace(scene_named("white-plane", leds=leds, seed=seed), lens=lens))
     dimmed = lens.vignette(np.arange(model.width), np.arange(model.height)[:, None])
     return Card(rendering.planes, rendering.truth.lights, dimmed, model, cfa)

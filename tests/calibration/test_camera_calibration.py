@@ -234,7 +234,7 @@ def test_a_lens_of_the_simulator_that_is_sharp_gives_the_same_corners() -> None:
     """Blur moves no corner: sharp and blurred views agree to .03 px."""
     pose = poses(12)[0]
     soft = find_board(shot(pose, 1), BOARD)
-    sharp = find_board(shot(pose, 1, Lens.of(CAMERA)), BOARD)
+    sharp = find_board(shot(pose, 1, Lens(CAMERA)), BOARD)
     ids, a, b = np.intersect1d(soft.ids, sharp.ids, return_indices=True)
     assert len(ids) > 30
     assert np.sqrt(np.mean((soft.corners_px[a] - sharp.corners_px[b]) ** 2)) < 0.03

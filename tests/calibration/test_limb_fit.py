@@ -18,7 +18,7 @@ def recorded(board, **of_lens):
     scene = scene_named("spheres", width=SIZE[0], height=SIZE[1], leds=6, seed=3)
     scene = replace(
         scene,
-        lens=Lens.of(scene.lens.camera, sharp=False, **of_lens),
+        lens=Lens(scene.lens.camera, sharp=False, **of_lens),
         board=board,
         spheres=(ChromeSphere(CENTRE, RADIUS),),
         clutter=(),

@@ -15,7 +15,7 @@ from simulator import Lens, bench_camera, render, scene_named
 def test_the_image_of_a_white_plate_is_reproduced(vignetting):
     """12 bits, four chrome spheres on the card, positions wrong by .6 mm."""
     camera = bench_camera()
-    lens = Lens.of(camera, vignetting=vignetting)
+    lens = Lens(camera, vignetting=vignetting)
     random = np.random.default_rng(1)
     card, plate = (
         render(replace(scene_named(name, leds=24), lens=lens))

@@ -70,16 +70,8 @@ def write_folder(
     if invented:
         result.outputs["invented"] = path / "invented.png"
         write_mask(path / "invented.png", np.abs(x) + np.abs(y) < 0.2)
-        result.metrics = dict.fromkeys(
-            (
-                "detail_angle_deg",
-                "surroundings_angle_deg",
-                "seam_step_deg",
-                "interior_step_deg",
-                "seam_ratio",
-            ),
-            1.0,
-        )
+        angles = ("detail_angle", "surroundings_angle", "seam_step", "interior_step")
+        result.metrics = {f"{name}_deg": 1.0 for name in angles} | {"seam_ratio": 1.0}
         result.metrics |= {"pixels": int(mask.sum()), "filled_pixels": 200}
     result.metrics |= {
         "unit": "mm",

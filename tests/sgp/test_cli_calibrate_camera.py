@@ -299,7 +299,7 @@ def test_recordings_of_the_simulated_board(sgp, tmp_path) -> None:
     done = sgp("simulate", scene, "--out", tmp_path / "mosaic")
     assert done.code == 0, done.err
     truth = read_camera(tmp_path / "gray" / "derived" / "truth" / "camera.json")
-    lens, board = Lens.of(truth), ChArUco(10, 8, 26.0)
+    lens, board = Lens(truth), ChArUco(10, 8, 26.0)
     for k, pose in enumerate(poses(52, 6, (20, 40))):
         save(tmp_path / "shots" / f"V{k}.png", shot(pose, k, lens, board, (300.0, 250.0)))
     for plane, other in (("gray", "mosaic"), ("mosaic", "gray")):

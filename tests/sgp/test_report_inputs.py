@@ -16,7 +16,7 @@ from sgp.report import large_maps
 from sgp.report.folder import ResultFolder
 from sgp.report.recording import Image, Recording
 from sgp.report.report import make_report
-from sgp.report.sections import sections
+from sgp.report.sections import Part, sections
 from sgp.report.source_maps import companions
 from tests.sgp.report_folder import write_folder, write_recording
 
@@ -194,7 +194,7 @@ def test_a_recording_without_a_result_is_shown(sgp, recorded, tmp_path):
 def test_the_contact_sheet_names_exposures_and_rejected_images(tmp_path):
     def image(name, **others):
         given = {"light_id": name, "role": "light", "exposure_us": 20_000.0, "status": "kept"}
-        return Image(name=f"{name}.tif", known=True, jpeg="AAAA", **given | others)
+        return Image(name=f"{name}.tif", known=True, source="AAAA", **given | others)
 
     images = [
         image("L00"),
@@ -202,7 +202,8 @@ def test_the_contact_sheet_names_exposures_and_rejected_images(tmp_path):
         image("D", role="dark", exposure_us=None),
     ]
     recording = Recording(images=images, total=4)
-    html = "".join(sections(7, ResultFolder(tmp_path, {}), None, recording, [], ""))
+    part = Part(7, "result", None, ResultFolder(tmp_path, {}), recording)
+    html = "".join(sections(part, ""))
     captions = re.findall(r"<figcaption>(.*?)</figcaption>", html)
     assert captions == ["L00, 20 ms", "L01, 500 µs, REJECTED", "D dark"]
     assert re.findall(r'<figure class="(.*?)">', html) == ["kept", "rejected", "kept"]

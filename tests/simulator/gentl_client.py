@@ -3,12 +3,15 @@
 import ctypes
 import re
 import time
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
+import pytest
 
+from acquisition import NoiseModel
 from simulator.bench import BenchWriter
-from simulator.camera import GentlCamera
+from simulator.camera import GentlCamera, GentlDevice, ImageFormation
 from tests.simulator.camera_options import grouped
 
 NOT_IMPLEMENTED = -1003
@@ -33,6 +36,26 @@ class GentlError(Exception):
     def __init__(self, code: int, text: str) -> None:
         super().__init__(text)
         self.code = code
+
+
+@contextmanager
+def refused(code, match=None):
+    """Expect that a call is refused with this error code."""
+    with pytest.raises(GentlError, match=match) as caught:
+        yield caught
+    assert caught.value.code == code
+
+
+def blind_camera(size=(2, 3), bench=None, **device) -> GentlCamera:
+    """Return a camera that sees no light."""
+    return GentlCamera(
+        lambda led: None,
+        size=size,
+        leds=0,
+        formation=ImageFormation(NoiseModel(1.0, 0.0, 20.0, 12)),
+        device=GentlDevice(**device),
+        bench_state_path=bench,
+    )
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import pytest
 
 from acquisition import NoiseModel
 from rig import CameraError
-from simulator.camera import GentlCamera, GentlDevice, ImageFormation
+from simulator.camera import GentlCamera
 from simulator.camera.gentl_camera import FAULTS
 from tests.simulator import gentl_client as gentl
 from tests.simulator.camera_options import grouped
@@ -113,13 +113,15 @@ def test_an_underrun_is_counted_and_the_buffer_stays_free(open_camera):
 
 
 def test_frames_that_find_no_buffer_are_counted(open_camera):
-    camera, device = open_camera(buffers=2)
+    camera, device = open_camera(buffers=3)
     for _ in range(5):
         device.execute("TriggerSoftware")
         time.sleep(0.005)
-    gentl.wait_for(lambda: camera.counts().dropped == 3)
-    assert (device.counter(gentl.DELIVERED), device.counter(gentl.UNDERRUN)) == (2, 3)
-    assert [device.fetch().block for _ in range(2)] == [0, 1]
+    gentl.wait_for(lambda: counts(camera) == (5, 3, 2))
+    assert (device.counter(gentl.DELIVERED), device.counter(gentl.UNDERRUN)) == (3, 2)
+    assert [device.fetch().block for _ in range(3)] == [0, 1, 2]
+    assert device.no_frame_arrives()
+    assert device.shoot().block == 5
 
 
 def test_a_second_delivery_without_a_buffer_is_an_underrun_too(open_camera):
@@ -142,13 +144,7 @@ def test_the_number_of_buffers_is_limited(open_camera):
 @pytest.mark.parametrize("most_buffers", [0, 257])
 def test_most_buffers_must_be_within_1_to_256(most_buffers):
     with pytest.raises(CameraError, match=r"within 1\.\.256"):
-        GentlCamera(
-            lambda led: None,
-            size=SIZE,
-            leds=0,
-            formation=ImageFormation(NOISE),
-            device=GentlDevice(most_buffers=most_buffers),
-        )
+        gentl.blind_camera(most_buffers=most_buffers)
 
 
 def test_a_missed_trigger_uses_no_id(open_camera):
@@ -192,9 +188,8 @@ def test_an_unplugged_camera_does_not_answer_until_it_is_opened_again(open_camer
         lambda: device.execute("AcquisitionStop"),
         lambda: device.set("Gain", 1.0),
     ):
-        with pytest.raises(gentl.GentlError, match="unplugged") as caught:
+        with gentl.refused(gentl.IO, "unplugged"):
             act()
-        assert caught.value.code == gentl.IO
     assert device.library.devices() == 0
     camera.replug()
     assert device.library.devices() == 1
@@ -217,26 +212,13 @@ def test_an_unplugged_camera_is_not_listed(open_camera):
         gentl.Device(device.library)
 
 
-def test_without_a_free_buffer_a_frame_is_dropped_and_counted(open_camera):
-    camera, device = open_camera(buffers=3)
-    for _ in range(5):
-        device.execute("TriggerSoftware")
-        time.sleep(0.005)
-    gentl.wait_for(lambda: sum((camera.counts().delivered, camera.counts().dropped)) == 5)
-    assert [device.fetch().block for _ in range(3)] == [0, 1, 2]
-    assert device.no_frame_arrives()
-    assert camera.counts().dropped == 2
-    assert device.shoot().block == 5
-
-
 def test_the_wait_of_a_client_can_be_aborted(open_camera):
     _, device = open_camera()
     timer = threading.Timer(0.05, device.library.call, ("EventKill", device.event))
     timer.start()
     began = time.monotonic()
-    with pytest.raises(gentl.GentlError) as caught:
+    with gentl.refused(gentl.ABORT):
         device.take(20.0)
-    assert caught.value.code == gentl.ABORT
     assert time.monotonic() - began < 10
     timer.join()
     assert device.shoot().block == 0

@@ -19,7 +19,7 @@ SUFFIXES = {
 MOSAICS = {None: "Mono", "RGGB": "BayerRG", "GRBG": "BayerGR", "GBRG": "BayerGB", "BGGR": "BayerBG"}
 
 
-def camera(frame, bits, cfa=None):
+def camera(frame, bits, cfa=None, **device):
     noise = NoiseModel(1.0, 0.0, 0.0, bits)
     return GentlCamera(
         lambda led: frame,
@@ -27,6 +27,7 @@ def camera(frame, bits, cfa=None):
         leds=0,
         precomposed=True,
         formation=ImageFormation(noise, cfa=cfa),
+        device=GentlDevice(**device),
     )
 
 
@@ -144,15 +145,7 @@ def test_a_part_of_the_sensor(name):
 
 def test_frames_of_five_megapixels_arrive_at_the_rate_of_the_camera():
     frame = np.random.default_rng(7).integers(0, 2**12, (2048, 2448), np.uint16)
-    noise = NoiseModel(1.0, 0.0, 0.0, 12)
-    opened = GentlCamera(
-        lambda led: frame,
-        size=frame.shape,
-        leds=0,
-        precomposed=True,
-        formation=ImageFormation(noise),
-        device=GentlDevice(frame_rate_hz=20.0),
-    )
+    opened = camera(frame, 12, frame_rate_hz=20.0)
     with opened, gentl.Library(opened.cti) as library, gentl.Device(library) as device:
         device.set("ExposureTime", 5000.0)
         device.start()

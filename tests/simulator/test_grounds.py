@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from acquisition import DataError
 from simulator.shapes import Checker, Cork, Print, Weave, Wood
 
 GROUNDS = [Cork, Wood, Print, Weave]
@@ -56,21 +55,3 @@ def test_checker_can_be_shifted():
     x, y = np.array([4.0, 2.0, 4.0]), np.array([5.0, 5.0, 3.0])
     albedo = Checker(0.2, 0.8, 10.0, shift_mm=(3.0, 4.0)).evaluate(x, y)
     np.testing.assert_allclose(albedo, [0.8, 0.2, 0.2])
-
-
-@pytest.mark.parametrize(
-    ("make", "name"),
-    [
-        (lambda: Cork(low=1.2), "low"),
-        (lambda: Cork(grain_mm=0), "grain_mm"),
-        (lambda: Wood(ring_mm=-1), "ring_mm"),
-        (lambda: Wood(angle_deg=float("nan")), "angle_deg"),
-        (lambda: Print(line_mm=0), "line_mm"),
-        (lambda: Weave(yarn_mm=float("inf")), "yarn_mm"),
-        (lambda: Checker(angle_deg=float("nan")), "angle_deg"),
-        (lambda: Checker(shift_mm=(0, float("inf"))), "shift_mm"),
-    ],
-)
-def test_a_value_out_of_range_is_named(make, name):
-    with pytest.raises(DataError, match=name):
-        make()

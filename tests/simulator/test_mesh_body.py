@@ -242,37 +242,6 @@ def test_quads_are_triangulated(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        pytest.param(lambda: MeshBody(PYRAMID, np.zeros((0, 3), int)), "no faces", id="no-faces"),
-        pytest.param(
-            lambda: MeshBody(np.where(PYRAMID == 3, np.nan, PYRAMID), SIDES),
-            "vertex 4 is not finite",
-            id="nan",
-        ),
-        pytest.param(
-            lambda: MeshBody(np.where(PYRAMID == 3, np.inf, PYRAMID), SIDES),
-            "vertex 4 is not finite",
-            id="inf",
-        ),
-        pytest.param(lambda: MeshBody(PYRAMID, SIDES + 1), "does not exist", id="range"),
-        pytest.param(lambda: MeshBody(PYRAMID, SIDES - 1), "does not exist", id="minus"),
-        pytest.param(
-            lambda: MeshBody(PYRAMID, np.vstack([SIDES, [0, 0, 1]])),
-            "1 of 5 faces have no area, the first one is face 4",
-            id="degenerate",
-        ),
-        pytest.param(lambda: MeshBody(PYRAMID[:, :2], SIDES), r"expected \(V, 3\)", id="flat"),
-        pytest.param(lambda: MeshBody(PYRAMID, SIDES.astype(float)), "triples", id="float-faces"),
-    ],
-)
-def test_an_invalid_mesh_is_reported_in_one_line(make, message):
-    with pytest.raises(DataError, match=message) as caught:
-        make()
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
     ("name", "content"),
     [
         pytest.param("broken.ply", b"ply\nformat binary_little_endian 1.0\nelement", id="cut"),

@@ -6,7 +6,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from acquisition import DataError
 from simulator.shapes import ChArUco, Checker, ColourWheel, Even, Gradient, Paint
 from tests.quick_sample import quick
 
@@ -125,26 +124,3 @@ def test_opencv_detects_the_charuco_corners_at_their_positions(columns, rows):
     np.testing.assert_array_equal(np.sort(ids.ravel()), np.arange((columns - 1) * (rows - 1)))
     expected = board.corners_mm[ids.ravel()] / pixel_mm * [1, -1] + middle
     assert np.abs(corners.reshape(-1, 2) - expected).max() < 0.1
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        pytest.param(lambda: Even(1.1), "albedo is 1.1", id="bright"),
-        pytest.param(lambda: Even(float("nan")), "albedo is nan", id="nan"),
-        pytest.param(lambda: Even((0.1, 0.2)), "one or three", id="two-channels"),
-        pytest.param(lambda: Checker(low=-0.1), "low is -0.1", id="negative"),
-        pytest.param(lambda: Checker(square_mm=0.0), "square_mm is 0.0", id="no-square"),
-        pytest.param(lambda: Gradient(length_mm=-5.0), "length_mm is -5.0", id="length"),
-        pytest.param(lambda: Gradient(angle_deg=float("inf")), "angle_deg is inf", id="angle"),
-        pytest.param(lambda: Paint(0.5, 0.2), "low 0.5, high 0.2", id="paint-order"),
-        pytest.param(lambda: ColourWheel(radius_mm=0.0), "radius_mm is 0.0", id="wheel"),
-        pytest.param(lambda: ChArUco(1, 5), "must be 2 or more", id="one-column"),
-        pytest.param(lambda: ChArUco(30, 30), "at most 500", id="too-many"),
-        pytest.param(lambda: ChArUco(white=2.0), "white is 2.0", id="paper"),
-    ],
-)
-def test_an_invalid_pattern_is_reported_in_one_line(make, message):
-    with pytest.raises(DataError, match=message) as caught:
-        make()
-    assert "\n" not in str(caught.value)

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from acquisition import DataError
 from simulator.scene import Ggx, Lambert, OrenNayar
 from simulator.scene.reflectance import reflectance
 from tests.quick_sample import quick
@@ -133,19 +132,3 @@ def test_a_light_behind_the_surface_gives_nothing():
     below = np.array([0.6, 0.0, -0.8])
     for material in (Lambert(), OrenNayar(30.0), Ggx(0.3)):
         assert reflectance(material, 1.0, UP, below, UP) == 0
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        pytest.param(lambda: OrenNayar(-1.0), "sigma_deg is -1", id="negative-sigma"),
-        pytest.param(lambda: OrenNayar(math.nan), "sigma_deg is nan", id="nan-sigma"),
-        pytest.param(lambda: Ggx(0.0), "roughness is 0", id="mirror"),
-        pytest.param(lambda: Ggx(1.2), "roughness is 1.2", id="too-rough"),
-        pytest.param(lambda: Ggx(0.3, -0.1), "f0 is -0.1", id="negative-f0"),
-    ],
-)
-def test_an_invalid_material_is_reported_in_one_line(make, message):
-    with pytest.raises(DataError, match=message) as caught:
-        make()
-    assert "\n" not in str(caught.value)

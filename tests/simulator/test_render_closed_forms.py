@@ -17,7 +17,7 @@ SKEWED = CameraModel(np.array([[300.0, 4.0, 70.3], [0, 320.0, 41.8], [0, 0, 1]])
 
 def _scene(surface, lights, *, camera=CAMERA, **more):
     defaults = {"pattern": WHITE, "electrons_per_us": 1.0, "ambient": 0.0}
-    return Scene(surface, lights, Lens.of(camera), bench_sensor(), **{**defaults, **more})
+    return Scene(surface, lights, Lens(camera), bench_sensor(), **{**defaults, **more})
 
 
 def _one_led(position, *, intensity=1.0, axis=None, mu=0.0):

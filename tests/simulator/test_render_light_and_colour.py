@@ -25,7 +25,7 @@ def _scene(body, lights, lens=PARALLEL, **more):
     return Scene(body, lights, lens, bench_sensor(), 1.0, **{**defaults, **more})
 
 
-@pytest.mark.parametrize("lens", [PARALLEL, Lens.of(CAMERA)], ids=["parallel", "perspective"])
+@pytest.mark.parametrize("lens", [PARALLEL, Lens(CAMERA)], ids=["parallel", "perspective"])
 def test_sphere_under_distant_lights(lens):
     """Radiance is albedo times intensity times n . l, everywhere, to 1e-5."""
     radius = 45.0
@@ -98,7 +98,7 @@ def test_monochrome_camera_sees_the_mean_of_the_colours():
 
 def test_a_chrome_sphere_in_a_mosaic_mirrors_colours():
     """Red paint on the board is visible only in the red pixels of the sphere."""
-    lens = replace(Lens.of(CAMERA), cfa="RGGB")
+    lens = replace(Lens(CAMERA), cfa="RGGB")
     scene = _scene(
         None,
         NEAR,
@@ -132,7 +132,7 @@ def test_board_has_its_own_pattern():
 def test_edge_of_a_pattern_is_averaged_over_the_pixel():
     """A pixel with an edge is the weighted mean of both sides, on a slope and in perspective."""
     lights, squares = Lights(np.array([[0.0, 0.0, 1.0]])), Checker(0.2, 0.6, 400.0)
-    for lens in (PARALLEL, Lens.of(CAMERA)):
+    for lens in (PARALLEL, Lens(CAMERA)):
         truth = render(_scene(Plane(60.0, 20.0, 0.2, 0.1), lights, lens, pattern=squares)).truth
         x = truth.points_mm[..., 0]
         width = np.diff(x, axis=1, prepend=np.nan)
@@ -145,9 +145,9 @@ def test_edge_of_a_pattern_is_averaged_over_the_pixel():
 
 
 def test_vignetting_dims_everything_by_the_field_angle():
-    scene = _scene(Coin(50.0), NEAR, Lens.of(CAMERA), ambient=0.1)
+    scene = _scene(Coin(50.0), NEAR, Lens(CAMERA), ambient=0.1)
     scene = replace(scene, spheres=(ChromeSphere((85.0, 40.0, 12.0), 12.0),))
-    clear, dim = (render(replace(scene, lens=Lens.of(CAMERA, vignetting=v))) for v in (0.0, 0.7))
+    clear, dim = (render(replace(scene, lens=Lens(CAMERA, vignetting=v))) for v in (0.0, 0.7))
     u, v = np.meshgrid(np.arange(150), np.arange(90))
     rays = np.stack([u, v, np.ones_like(u)], -1) @ np.linalg.inv(CAMERA.K).T
     expected = 1 - 0.7 * (1 - (rays**2).sum(-1) ** -2)
@@ -182,7 +182,7 @@ def _ggx(material, cos_light, cos_eye, between):
 
 
 @pytest.mark.parametrize("lights", [NEAR, DISTANT], ids=["near", "distant"])
-@pytest.mark.parametrize("lens", [PARALLEL, Lens.of(CAMERA)], ids=["parallel", "perspective"])
+@pytest.mark.parametrize("lens", [PARALLEL, Lens(CAMERA)], ids=["parallel", "perspective"])
 @pytest.mark.parametrize(
     ("material", "formula"),
     [
@@ -220,7 +220,7 @@ def test_material_shapes_the_object_and_not_the_board(material, formula, lens, l
 def test_rows_do_not_depend_on_the_blocks_of_rendering(monkeypatch):
     progress = []
     scene = _scene(
-        Coin(40.0), NEAR, Lens.of(CAMERA), spheres=(ChromeSphere((70.0, 30.0, 12.0), 12.0),)
+        Coin(40.0), NEAR, Lens(CAMERA), spheres=(ChromeSphere((70.0, 30.0, 12.0), 12.0),)
     )
     whole = render(scene, lambda _, done, total: progress.append((done, total)))
     monkeypatch.setattr("simulator.rendering.canvas.POINTS", 450)
@@ -234,4 +234,4 @@ def test_rows_do_not_depend_on_the_blocks_of_rendering(monkeypatch):
 def test_a_rendering_that_exceeds_the_memory_is_refused(monkeypatch):
     monkeypatch.setattr("simulator.rendering.renderer.memory_of_computer", lambda: (1, 10**5))
     with pytest.raises(DataError, match=r"3 images of 150 x 90 pixels requires .* GiB"):
-        render(_scene(None, NEAR, Lens.of(CAMERA)))
+        render(_scene(None, NEAR, Lens(CAMERA)))

@@ -15,7 +15,7 @@ LIGHTS = Lights(directions=np.array([[0.4, 0.0, 1.0], [-0.2, 0.35, 1.0], [-0.2, 
 
 def rendered(**more):
     """Return a matte relief with a pattern, everywhere lit by three distant lights."""
-    lens = Lens.of(bench_camera(96, 80), **{"sharp": False} | more)
+    lens = Lens(bench_camera(96, 80), **{"sharp": False} | more)
     relief = BandNoise(200.0, rms_mm=0.8, wavelength_mm=30.0, seed=4)
     dark = {"ambient": 0.0, "surroundings": 0.0, "pattern": Checker(square_mm=25.0)}
     return render(Scene(relief, LIGHTS, lens, bench_sensor(), 1.0, **dark))

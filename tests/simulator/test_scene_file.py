@@ -144,7 +144,7 @@ def scenes() -> dict[str, Scene]:
     colour = Checker((0.1, 0.2, 0.3), (0.9, 0.5, 0.4), 7.0)
     plane = replace(bench, body=Plane(60.0, height_mm=2.0), spheres=(), lights=distant)
     return {
-        "near and crooked": replace(bench, lens=Lens.of(camera, vignetting=0.4, cfa="GBRG")),
+        "near and crooked": replace(bench, lens=Lens(camera, vignetting=0.4, cfa="GBRG")),
         "distant and coloured": replace(plane, pattern=colour, noise=sensor),
         "parallel": replace(plane, lens=Lens.orthographic(64, 50, 3.0, 500.0), shadows=False),
         "faulty": replace(plane, material=Ggx(), lamps=Lamps(0.1, flicker=0.02, dead=(1, 4))),

@@ -19,66 +19,60 @@ from simulator.shapes import Plane
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        pytest.param("ambiant = 0.1", ["ambiant", "ambient"], id="unknown key"),
-        pytest.param("ambient = 'much'", ["ambient"], id="text for a number"),
-        pytest.param("ambient = nan", ["ambient"], id="not a number"),
-        pytest.param("seed = -1", ["seed"], id="negative seed"),
-        pytest.param("[object", ["TOML"], id="not TOML"),
-        pytest.param("ambient = 2", ["ambient", "0..1"], id="too much ambient light"),
-        pytest.param("[object]\nradius_mm=5", ["[object]", "kind", "coin"], id="no kind"),
-        pytest.param("[object]\nkind='con'", ["[object]", "'con'", "coin"], id="unknown kind"),
-        pytest.param("[object]\nkind=3", ["[object]", "3", "coin"], id="kind of another type"),
-        pytest.param("[object]\nkind=['coin']", ["[object]", "coin"], id="kind as a list"),
-        pytest.param("[object]\nkind='coin'", ["[object]", "radius_mm"], id="missing key"),
-        pytest.param(
-            "[object]\nkind='coin'\nradius_mm=-5", ["[object]", "radius_mm", "-5"],
-            id="negative radius",
-        ),
-        pytest.param(
-            "[object]\nkind='coin'\nradius_mm=5\nreleif_mm=1", ["[object]", "releif_mm"],
-            id="unknown key of a kind",
-        ),
-        pytest.param(
-            "[object]\nkind='mesh'\nfile='no.obj'\nradius_mm=5", ["[object]", "no.obj"],
-            id="missing mesh",
-        ),
-        pytest.param(
-            "[object]\nkind='mesh'\nfile='points.ply'\nradius_mm=5", ["[object]", "points.ply"],
-            id="mesh without faces",
-        ),
-        pytest.param(
+        ("ambiant = 0.1", ["ambiant", "ambient"]),
+        ("ambient = 'much'", ["ambient"]),
+        ("ambient = nan", ["ambient"]),
+        ("seed = -1", ["seed"]),
+        ("[object", ["TOML"]),
+        ("ambient = 2", ["ambient", "0..1"]),
+        ("[object]\nradius_mm=5", ["[object]", "kind", "coin"]),
+        ("[object]\nkind='con'", ["[object]", "'con'", "coin"]),
+        ("[object]\nkind=3", ["[object]", "3", "coin"]),
+        ("[object]\nkind=['coin']", ["[object]", "coin"]),
+        ("[object]\nkind='coin'", ["[object]", "radius_mm"]),
+        ("[object]\nkind='coin'\nradius_mm=-5", ["[object]", "radius_mm", "-5"]),
+        ("[object]\nkind='coin'\nradius_mm=5\nreleif_mm=1", ["[object]", "releif_mm"]),
+        ("[object]\nkind='mesh'\nfile='no.obj'\nradius_mm=5", ["[object]", "no.obj"]),
+        ("[object]\nkind='mesh'\nfile='points.ply'\nradius_mm=5", ["[object]", "points.ply"]),
+        (
             "[[spheres]]\ncentre_mm=[0,0,5]\nradius_mm=5\n[[spheres]]\ncentre_mm=[0,9]\nradius_mm=1",
-            ["[spheres.1]", "centre_mm"], id="sphere with two coordinates",
+            ["[spheres.1]", "centre_mm"],
         ),
-        pytest.param(
-            "[[spheres]]\ncentre_mm=[0,0,5]\nradius_mm=-5", ["[spheres.0]", "-5"],
-            id="sphere of negative radius",
-        ),
-        pytest.param(
+        ("[[spheres]]\ncentre_mm=[0,0,5]\nradius_mm=-5", ["[spheres.0]", "-5"]),
+        (
             "[object]\nkind='plane'\nradius_mm=50\n[[spheres]]\ncentre_mm=[9,0,5]\nradius_mm=5",
-            ["sphere 0", "overlaps"], id="sphere in the object",
+            ["sphere 0", "overlaps"],
         ),
-        pytest.param(
-            "[lights]\nkind='listed'\npositions_mm=[[0,100,-5]]", ["LED L00", "below"],
-            id="LED below the surface",
-        ),
-        pytest.param("[lights]\nkind='ring'\ncount=0", ["[lights]", "0 LEDs"], id="no lights"),
-        pytest.param("[lights]\nkind='dome'\nspread=0.5", ["[lights]", "spread"], id="wide spread"),
-        pytest.param("[lights]\nkind='file'\nfile='bad.json'", ["bad.json"], id="bad lights"),
-        pytest.param("[lamps]\nflicker=2", ["[lamps]", "flicker"], id="flicker"),
-        pytest.param("[sensor]\nbit_depth=40", ["[sensor]", "bits"], id="bit depth"),
-        pytest.param("[sensor]\niso=100", ["[sensor]", "iso"], id="unknown key of the sensor"),
-        pytest.param("[lens]\nkind='perspective'\nwidth=0", ["[lens]"], id="zero-size image"),
-        pytest.param(
-            "[lens]\nkind='perspective'\nworking_distance_mm=-1", ["[lens]", "working_distance_mm"],
-            id="negative distance",
-        ),
-        pytest.param(
+        ("[[clutter]]\nkind='cone'", ["[clutter.0]", "ball, box"]),
+        ("[[clutter]]\nkind='box'\nplace_mm=[0,0]", ["[clutter.0]", "size_mm"]),
+        ("[relief]\nkind='coin'", ["[relief]", "noise, textile"]),
+        ("[lights]\nkind='listed'\npositions_mm=[[0,100,-5]]", ["LED L00", "below"]),
+        ("[lights]\nkind='ring'\ncount=0", ["[lights]", "0 LEDs"]),
+        ("[lights]\nkind='dome'\nspread=0.5", ["[lights]", "spread"]),
+        ("[lights]\nkind='file'\nfile='bad.json'", ["bad.json"]),
+        # Excessive values are refused before anything is built.
+        ("[lights]\nkind='ring'\ncount=2147483648", ["at most 4096"]),
+        ("[lights]\nkind='dome'\ncount=2147483648", ["at most 4096"]),
+        ("[lens]\nkind='perspective'\nwidth=2147483648", ["maximum"]),
+        ("[object]\nkind='noise'\nradius_mm=1e300", ["than 1e+12"]),
+        ("[[spheres]]\nradius_mm=1\ncentre_mm=[1e300,0,0]", ["1e+12"]),
+        ("ambient = 1e300", ["ambient"]),
+        ("seed = " + "9" * 4301, ["digits"]),
+        ("object = " + "[" * 20_000, ["nested"]),
+        ("object = " + "{a = " * 20_000, ["nested"]),
+        ("[object]\nkind='mesh'\nradius_mm=1\nfile='" + "a" * 300 + "'", ["no such file"]),
+        ("[lens]\nkind='file'\nfile='/dev/zero'", ["no such file"]),
+        ("[lamps]\nflicker=2", ["[lamps]", "flicker"]),
+        ("[sensor]\nbit_depth=40", ["[sensor]", "bits"]),
+        ("[sensor]\niso=100", ["[sensor]", "iso"]),
+        ("[lens]\nkind='perspective'\nwidth=0", ["[lens]"]),
+        ("[lens]\nkind='perspective'\nworking_distance_mm=-1", ["[lens]", "working_distance_mm"]),
+        (
             "[lens]\nkind='perspective'\nworking_distance_mm=8\n[object]\nkind='coin'\nradius_mm=50",
-            ["camera", "inside the object"], id="camera inside the object",
+            ["camera", "inside the object"],
         ),
     ],
-)  # fmt: skip
+)
 def test_errors_are_reported_in_one_line(write, tmp_path, text, words):
     (tmp_path / "bad.json").write_text("{}", encoding="utf-8")
     trimesh.PointCloud(np.eye(3)).export(tmp_path / "points.ply")
@@ -117,13 +111,3 @@ def test_a_custom_object_cannot_be_written(tmp_path):
     with pytest.raises(DataError, match="Hill"):
         write_scene(tmp_path / "scene.toml", scene)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_errors_in_clutter_and_relief_name_the_table(write):
-    for text, message in (
-        ("[[clutter]]\nkind = 'cone'", "clutter.0.*ball, box"),
-        ("[[clutter]]\nkind = 'box'\nplace_mm = [0, 0]", "clutter.0.*size_mm"),
-        ("[relief]\nkind = 'coin'", "relief.*noise, textile"),
-    ):
-        with pytest.raises(DataError, match=message):
-            read_scene(write(text))

@@ -12,7 +12,7 @@ from simulator import ChromeSphere, Lens, Scene, bench_sensor, render
 from simulator.shapes import BandNoise, Coin, Even, MeshBody, Plane, Ripples, SphericalCap
 from tests.quick_sample import quick
 
-PERSPECTIVE = Lens.of(
+PERSPECTIVE = Lens(
     CameraModel(np.array([[420.0, 0, 101.0], [0, 430.0, 88.0], [0, 0, 1]]), 210, 170, 500.0)
 )
 PARALLEL = Lens.orthographic(210, 170, 1.2, 500.0)

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from acquisition import DataError
 from simulator.shapes import (
     BandNoise,
     Coin,
@@ -260,29 +259,3 @@ def test_cap_normal_points_from_its_centre(radius, part, angle, at):
     np.testing.assert_allclose(
         np.cross([-zx[0], -zy[0], 1.0], from_centre), 0.0, atol=1e-8 * cap.sphere_radius_mm
     )
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        pytest.param(lambda: Plane(-1.0), "radius_mm is -1.0", id="negative-radius"),
-        pytest.param(lambda: Plane(10.0, math.nan), "height_mm is nan", id="nan-height"),
-        pytest.param(lambda: Ripples(10.0, 0.1, 0.0), "wavelength_mm is 0.0", id="no-wavelength"),
-        pytest.param(lambda: SphericalCap(10.0, 10.1), "not exceed radius_mm", id="whole-sphere"),
-        pytest.param(lambda: Plane(10.0, outline="oval"), "outline is 'oval'", id="outline"),
-        pytest.param(lambda: LizardScales(10.0, 0.0), "amplitude_mm is 0.0", id="flat-scales"),
-        pytest.param(lambda: LizardScales(10.0, scale_mm=-2), "scale_mm is -2", id="scale"),
-        pytest.param(lambda: Textile(10.0, yarn_mm=0.0), "yarn_mm is 0.0", id="yarn"),
-        pytest.param(lambda: CrackedLeather(10.0, plate_mm=math.inf), "plate_mm is inf", id="inf"),
-        pytest.param(lambda: WoodCarving(10.0, seed=-1), "seed is -1", id="negative-seed"),
-        pytest.param(lambda: StepGauge(10.0, (1.0,)), "two or more", id="one-step"),
-        pytest.param(lambda: StepGauge(10.0, (1.0, math.nan)), "two or more", id="nan-step"),
-        pytest.param(lambda: StepGauge(10.0, edge_mm=9.0), "less than the width", id="wide-edge"),
-        pytest.param(lambda: BandNoise(10.0, -0.1), "rms_mm is -0.1", id="negative-rms"),
-        pytest.param(lambda: Coin(80.0, relief_mm=-1), "relief_mm is -1", id="negative-relief"),
-    ],
-)
-def test_an_invalid_surface_is_reported_in_one_line(make, message):
-    with pytest.raises(DataError, match=message) as caught:
-        make()
-    assert "\n" not in str(caught.value)

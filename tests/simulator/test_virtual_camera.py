@@ -9,7 +9,7 @@ from scipy import optimize
 from acquisition import NoiseModel
 from rig import CameraError
 from simulator.bench import BenchState, BenchWriter
-from simulator.camera import ImageFormation, VirtualCamera, fixed_pattern, virtual_sensor
+from simulator.camera import VirtualCamera, fixed_pattern, virtual_sensor
 from simulator.scene import Lamps
 from tests.simulator.camera_options import grouped
 
@@ -30,10 +30,16 @@ class Room:
         self.path = path
         self.cameras = []
 
-    def camera(self, **options):
-        options = {"noisy": False, "noise": NOISE, **options}
-        camera = VirtualCamera(plane, **grouped(size=SIZE, bench=BenchState(self.path), **options))
+    def camera(self, planes=plane, **options):
+        options = {"size": SIZE, "noisy": False, "noise": NOISE, **options}
+        camera = VirtualCamera(planes, **grouped(bench=BenchState(self.path), **options))
         self.cameras.append(camera)
+        return camera
+
+    def armed(self, exposure_us=1000, trigger="software", **options):
+        camera = self.camera(**options)
+        camera.configure(exposure_us=exposure_us)
+        camera.arm(trigger)
         return camera
 
     def light(self, led, from_us, to_us):
@@ -75,9 +81,7 @@ def test_gain_multiplies_the_signal_and_not_the_black_level(room):
 
 
 def test_an_led_that_turns_off_during_the_exposure_counts_for_its_time(room):
-    camera = room.camera()
-    camera.configure(exposure_us=40_000)
-    camera.arm()
+    camera = room.armed(40_000)
     frame_id = camera.trigger()
     start_ns = camera._started[frame_id].start_ns
     room.writer.light(0, start_ns - 5000 * US, start_ns + 10_000 * US)
@@ -88,9 +92,7 @@ def test_an_led_that_turns_off_during_the_exposure_counts_for_its_time(room):
 
 
 def test_light_before_and_after_the_exposure_does_not_count(room):
-    camera = room.camera()
-    camera.configure(exposure_us=4000)
-    camera.arm()
+    camera = room.armed(4000)
     room.light(5, 0, 1)
     time.sleep(0.001)
     frame_id = camera.trigger()
@@ -147,9 +149,7 @@ def test_a_shot_whose_light_was_cut_off_is_the_same_when_it_is_taken_again(room)
 
 
 def test_frame_ids_increase_and_older_frames_are_not_returned(room):
-    camera = room.camera()
-    camera.configure(exposure_us=1000)
-    camera.arm()
+    camera = room.armed(1000)
     first = camera.trigger()
     second = camera.trigger()
     assert (first, second) == (0, 1)
@@ -177,17 +177,13 @@ def test_a_late_frame_arrives_at_the_second_fetch(room):
 
 
 def test_a_timeout_shorter_than_the_exposure(room):
-    camera = room.camera()
-    camera.configure(exposure_us=10_000_000)
-    camera.arm()
+    camera = room.armed(10_000_000)
     with pytest.raises(CameraError, match="frame 0"):
         camera.fetch(camera.trigger(), 0.02)
 
 
 def test_a_pulse_during_an_exposure_or_too_soon_after_it_is_missed(room):
-    camera = room.camera()
-    camera.configure(exposure_us=20_000)
-    camera.arm("line")
+    camera = room.armed(20_000, "line")
     ids = [camera.expect() for _ in range(3)]
     now = time.monotonic_ns()
     times = [now + after_us * US for after_us in (5000, 15_000, 25_000, 45_000)]
@@ -216,9 +212,7 @@ def test_exposures_are_recorded_in_the_bench_state(room):
 
 
 def test_exposures_by_the_line_take_time_even_without_real_time(room):
-    camera = room.camera(realtime=False)
-    camera.configure(exposure_us=100_000)
-    camera.arm("line")
+    camera = room.armed(100_000, "line", realtime=False)
     frame_id = camera.expect()
     room.writer.pulse(time.monotonic_ns())
     frame = camera.fetch(frame_id, 2.0)
@@ -262,15 +256,8 @@ def test_a_trigger_before_arming(room):
 
 def test_a_plane_of_the_wrong_size_or_type_is_refused(room):
     for wrong in (np.zeros((4, 5), np.float32), np.zeros(SIZE)):
-        camera = VirtualCamera(
-            lambda led, wrong=wrong: wrong,
-            size=SIZE,
-            bench=BenchState(room.path),
-            formation=ImageFormation(NOISE),
-        )
-        room.cameras.append(camera)
         with pytest.raises(CameraError, match="expected float32 of"):
-            shoot(camera, 100)
+            shoot(room.camera(lambda led, wrong=wrong: wrong), 100)
 
 
 def test_noise_depends_on_the_shot_and_not_on_the_order(room):
@@ -345,8 +332,7 @@ class Picture:
     SIZE = (48, 64)
 
     def __init__(self, room, **options):
-        self.options = {"noise": NOISE, "noisy": False, "realtime": False, **options}
-        self.path = room.path
+        self.options = {"size": self.SIZE, "realtime": False, **options}
         self.room = room
 
     @staticmethod
@@ -356,11 +342,7 @@ class Picture:
     def take(self, count):
         y, x = np.mgrid[: self.SIZE[0], : self.SIZE[1]]
         plane = self.value(x, y).astype(np.float32)
-        camera = VirtualCamera(
-            lambda led: plane,
-            **grouped(size=self.SIZE, bench=BenchState(self.path), **self.options),
-        )
-        self.room.cameras.append(camera)
+        camera = self.room.camera(lambda led: plane, **self.options)
         return [shoot(camera, 1000).pixels.astype(float) - 20 for _ in range(count)]
 
     def shift_of(self, frame):
@@ -399,13 +381,7 @@ def test_shake_depends_only_on_the_seed(room):
 
 def test_shake_does_not_mix_the_colours_of_a_mosaic(room):
     filters = np.tile(np.float32([[1, 2], [3, 60]]), (8, 8))
-    camera = VirtualCamera(
-        lambda led: filters,
-        size=(16, 16),
-        bench=BenchState(room.path),
-        formation=ImageFormation(NOISE, cfa="RGGB", shake_px=0.3, noisy=False),
-    )
-    room.cameras.append(camera)
+    camera = room.camera(lambda led: filters, size=(16, 16), cfa="RGGB", shake_px=0.3)
     np.testing.assert_allclose(shoot(camera, 1000).pixels, 20 + 1000 * filters, atol=1)
 
 

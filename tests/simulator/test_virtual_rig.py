@@ -40,8 +40,12 @@ def planes(led):
     return plane
 
 
+def started(config=CONFIG, seen=planes, size=(H, W), noise=NOISE, **options):
+    return simulated_rig(seen, config, **grouped(size=size, noise=noise, **options))
+
+
 def test_a_pass_of_36_leds_sees_every_led_in_time_and_leaves_no_files():
-    rig = simulated_rig(planes, CONFIG, size=(H, W), formation=ImageFormation(NOISE, seed=1))
+    rig = started(seed=1)
     with rig:
         assert rig.camera.info.serial == "virtual-camera"
         assert rig.board.identity.leds == 36
@@ -61,9 +65,7 @@ def test_a_pass_of_36_leds_sees_every_led_in_time_and_leaves_no_files():
 
 def test_the_same_seed_gives_the_same_bytes():
     def take():
-        with simulated_rig(
-            planes, CONFIG, size=(H, W), realtime=False, formation=ImageFormation(NOISE, seed=5)
-        ) as rig:
+        with started(realtime=False, seed=5) as rig:
             return [rig.shoot(led, 10_000).frame.pixels for led in (3, 3, None, 4)]
 
     one, other = take(), take()
@@ -89,9 +91,7 @@ def test_closing_ends_the_boards_process(monkeypatch):
 
     monkeypatch.setattr(_simulated_rig, "GentlCamera", Kept)
     for kind in ("gentl", "inside"):
-        simulated_rig(
-            planes, CONFIG, size=(H, W), camera=kind, formation=ImageFormation(NOISE)
-        ).close()
+        started(camera=kind).close()
 
     def broken(*args, **options):
         raise RigError("the camera does not open")
@@ -99,7 +99,7 @@ def test_closing_ends_the_boards_process(monkeypatch):
     for kind, maker in (("gentl", "open_genicam"), ("inside", "VirtualCamera")):
         monkeypatch.setattr(_simulated_rig, maker, broken)
         with pytest.raises(RigError, match="the camera does not open"):
-            simulated_rig(planes, CONFIG, size=(H, W), camera=kind, formation=ImageFormation(NOISE))
+            started(camera=kind)
     assert len(boards) == 4
     assert len(cameras) == 2
     for camera in cameras:
@@ -110,15 +110,9 @@ def test_closing_ends_the_boards_process(monkeypatch):
             os.kill(board.pid, 0)
 
 
-def without_a_compiler(monkeypatch):
-    monkeypatch.setenv("CC", "no-such-compiler")
-
-
 @pytest.mark.parametrize("kind", ["auto", "gentl"])
 def test_the_camera_is_behind_a_genicam_producer(kind):
-    with simulated_rig(
-        planes, CONFIG, size=(H, W), camera=kind, formation=ImageFormation(NOISE)
-    ) as rig:
+    with started(camera=kind) as rig:
         assert isinstance(rig.camera, GenICamCamera)
         assert rig.camera.info.model == "virtual camera"
 
@@ -127,39 +121,34 @@ def test_the_camera_is_behind_a_genicam_producer(kind):
 @pytest.mark.parametrize("cfa", [None, "GRBG"])
 def test_the_rigs_camera_has_the_depth_of_its_sensor(depth, cfa):
     noise = replace(NOISE, bit_depth=depth)
-    with simulated_rig(
-        planes, CONFIG, size=(H, W), formation=ImageFormation(noise, cfa=cfa)
-    ) as rig:
+    with started(noise=noise, cfa=cfa) as rig:
         assert (rig.camera.info.bit_depth, rig.camera.info.cfa) == (depth, cfa)
         # The GenICam camera does not support 14 bits.
         assert isinstance(rig.camera, VirtualCamera if depth == 14 else GenICamCamera)
 
 
 def test_without_a_compiler_the_camera_is_inside_and_its_model_names_the_reason(monkeypatch):
-    without_a_compiler(monkeypatch)
-    with simulated_rig(planes, CONFIG, size=(H, W), formation=ImageFormation(NOISE)) as rig:
+    monkeypatch.setenv("CC", "no-such-compiler")
+    with started() as rig:
         assert isinstance(rig.camera, VirtualCamera)
         assert rig.camera.info.model.startswith("virtual camera in Python (")
     with pytest.raises(RigError, match="needs a C compiler"):
-        simulated_rig(planes, CONFIG, size=(H, W), camera="gentl", formation=ImageFormation(NOISE))
+        started(camera="gentl")
 
 
 def test_only_the_camera_inside_can_run_without_waiting():
-    options = {"size": (H, W), "noise": NOISE, "realtime": False}
-    with simulated_rig(planes, CONFIG, **grouped(**options)) as rig:
+    with started(realtime=False) as rig:
         assert isinstance(rig.camera, VirtualCamera)
         assert rig.camera.info.model == "virtual camera"
     with pytest.raises(RigConfigError, match="use the camera 'inside'"):
-        simulated_rig(planes, CONFIG, **grouped(camera="gentl", **options))
+        started(camera="gentl", realtime=False)
 
 
 @pytest.mark.parametrize("trigger", quick(["software", "board"], every=2))
 def test_both_cameras_see_the_same_in_every_mode(trigger):
     def take(kind):
         config = CONFIG.model_copy(update={"trigger": trigger})
-        with simulated_rig(
-            planes, config, size=(H, W), camera=kind, formation=ImageFormation(NOISE, seed=5)
-        ) as rig:
+        with started(config, camera=kind, seed=5) as rig:
             single = [rig.shoot(led, 3000).frame.pixels for led in (3, None)]
             return single + [shot.frame.pixels for shot in rig.sequence([4, 5, 6], 3000)]
 
@@ -197,7 +186,7 @@ def test_a_rolling_shutter_is_lit_from_its_first_row_to_its_last():
 
 def test_the_board_sees_the_exposure():
     config = CONFIG.model_copy(update={"trigger": "board", "exposure_active": True})
-    with simulated_rig(planes, config, size=(H, W), formation=ImageFormation(NOISE)) as rig:
+    with started(config) as rig:
         assert rig.shoot(3, 5000).led == 3
         assert [shot.led for shot in rig.sequence([1, 2, 3], 5000)] == [1, 2, 3]
         assert rig.wires(0, 5000) == Wires(trigger=True, exposure_active=True)
@@ -215,8 +204,8 @@ def test_a_rotated_camera_delivers_rotated_frames(kind, rotation_deg, mirror):
     def scene(led):
         return picture if led is not None else np.zeros_like(picture)
 
-    options = {"size": (12, 20), "noise": NOISE, "noisy": False, "cfa": "GRBG", "camera": kind}
-    with simulated_rig(scene, config, **grouped(**options)) as rig:
+    options = {"noisy": False, "cfa": "GRBG", "camera": kind}
+    with started(config, scene, (12, 20), **options) as rig:
         info, pixels = rig.camera.info, rig.shoot(0, 4000).frame.pixels
     assert pixels.shape == (info.height, info.width)
     assert pixels.shape == ((12, 20) if rotation_deg in (0, 180) else (20, 12))
@@ -225,10 +214,10 @@ def test_a_rotated_camera_delivers_rotated_frames(kind, rotation_deg, mirror):
 
 
 def test_two_rigs_at_once_are_independent():
-    options = {"size": (H, W), "noise": NOISE, "noisy": False, "realtime": False}
+    options = {"noisy": False, "realtime": False}
     with (
-        simulated_rig(planes, CONFIG, **grouped(**options)) as one,
-        simulated_rig(planes, CONFIG, **grouped(**options)) as other,
+        started(**options) as one,
+        started(**options) as other,
     ):
         other.board.on(30, 5000)
         pixels = one.shoot(2, 10_000).frame.pixels
@@ -291,25 +280,23 @@ def test_the_driver_accepts_a_sensor_seed_and_shake():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        pytest.param(
-            {"lamps": {"glow": 1}}, r"\[lamps\]: unknown key 'glow'; known", id="lamp key"
-        ),
-        pytest.param({"lamps": {"flicker": "a lot"}}, r"\[lamps\]: key 'flicker'", id="lamp text"),
-        pytest.param({"lamps": {"flicker": -1}}, r"lamps: flicker is -1", id="lamp value"),
-        pytest.param({"lamps": {"dead": [4]}}, r"dead LEDs \[4\] must be within 0\.\.3", id="dead"),
-        pytest.param({"lamps": 3}, "option 'lamps'", id="lamps no table"),
-        pytest.param({"sensor": {"iso": 100}}, r"\[sensor\]: unknown key 'iso'", id="sensor key"),
-        pytest.param({"sensor": {"prnu": 2.0}}, "prnu within 0..0.3", id="sensor value"),
-        pytest.param({"height": None}, "'width' or 'height' is missing", id="half a size"),
-        pytest.param({"scene": "no/such.toml"}, "no/such.toml: no such file", id="no file"),
-        pytest.param({"sensor_seed": -1}, "option 'sensor_seed'", id="sensor seed"),
-        pytest.param({"shake_px": -0.1}, "option 'shake_px'", id="shake"),
-        pytest.param({"camera": "outside"}, "option 'camera'", id="camera"),
-        pytest.param({"camera": "gentl"}, "use the camera 'inside'", id="camera without real time"),
-        pytest.param({"wiring": {"swap": [[0, 1]]}}, r"\[wiring\]: unknown key", id="wiring"),
-        pytest.param({"wiring": {"always": [4]}}, r"wrongly wired LEDs \[4\] must", id="wired LED"),
-        pytest.param({"wiring": {"double": [[0, 0]]}}, "listed only once", id="wired twice"),
-        pytest.param({"shake": 0.1}, "unknown option 'shake'; known are scene", id="misspelt"),
+        ({"lamps": {"glow": 1}}, r"\[lamps\]: unknown key 'glow'; known"),
+        ({"lamps": {"flicker": "a lot"}}, r"\[lamps\]: key 'flicker'"),
+        ({"lamps": {"flicker": -1}}, r"lamps: flicker is -1"),
+        ({"lamps": {"dead": [4]}}, r"dead LEDs \[4\] must be within 0\.\.3"),
+        ({"lamps": 3}, "option 'lamps'"),
+        ({"sensor": {"iso": 100}}, r"\[sensor\]: unknown key 'iso'"),
+        ({"sensor": {"prnu": 2.0}}, "prnu within 0..0.3"),
+        ({"height": None}, "'width' or 'height' is missing"),
+        ({"scene": "no/such.toml"}, "no/such.toml: no such file"),
+        ({"sensor_seed": -1}, "option 'sensor_seed'"),
+        ({"shake_px": -0.1}, "option 'shake_px'"),
+        ({"camera": "outside"}, "option 'camera'"),
+        ({"camera": "gentl"}, "use the camera 'inside'"),
+        ({"wiring": {"swap": [[0, 1]]}}, r"\[wiring\]: unknown key"),
+        ({"wiring": {"always": [4]}}, r"wrongly wired LEDs \[4\] must"),
+        ({"wiring": {"double": [[0, 0]]}}, "listed only once"),
+        ({"shake": 0.1}, "unknown option 'shake'; known are scene"),
     ],
 )
 def test_an_invalid_option_of_sensor_lamps_or_shake_is_reported_in_one_line(options, message):
