@@ -16,11 +16,11 @@ from processing.detail.shape_filter import ShapeFilter
 from processing.maps.normal_map import NormalMap, check_normal_map
 from processing.surface.multigrid import coarsened, solve
 from processing.synthesis.hole_detail import fill_detail
+from processing.synthesis.quilting import check_options
 from rig import Progress, no_progress, pluralize
 from rig.arrays import Bool, Float32
 
 _TOLERANCE = 1e-7
-_LEAST_PATCH = 6
 # The filter at the rim sees the continued shape; this often the shape is continued again.
 _ROUNDS = 3
 
@@ -175,15 +175,7 @@ def _checked(normal_map: NormalMap, holes: Bool, patch: int, overlap: int, seed:
             f"the holes have {count} pixels, more than the {left} normals that are left: too few "
             "to continue"
         )
-    if patch < _LEAST_PATCH:
-        raise DataError(f"a patch of {patch} x {patch} pixels is too small: use {_LEAST_PATCH}")
-    if not 2 <= overlap <= patch // 3:
-        raise DataError(
-            f"an overlap of {overlap} pixels is out of range: patches of {patch} pixels overlap by "
-            f"2 to {patch // 3}"
-        )
-    if not 0 <= seed < 2**63:
-        raise DataError(f"a seed of {seed} is out of range: use 0 to 2^63 - 1")
+    check_options(patch, overlap, seed)
     touched = cv2.dilate(known.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3)))
     _, labels = cv2.connectedComponents(holes.astype(np.uint8), connectivity=4)
     alone = holes & ~np.isin(labels, labels[holes & (touched > 0)])

@@ -10,10 +10,9 @@ import numpy as np
 
 from acquisition import DataError
 from processing.detail.minimum_cuts import taken_pixels
-from processing.maps.normal_map import NormalMap
-from processing.synthesis.exemplar import Exemplar, prepare_exemplar
+from processing.synthesis.exemplar import Exemplar
 from processing.synthesis.patch_search import Bands, find_place, stream
-from processing.synthesis.strips import Begun, StripRange, strip_ranges
+from processing.synthesis.strips import StripRange
 from rig import in_threads
 from rig.arrays import Float32, Float64, Int32, Int64, UInt8
 
@@ -24,17 +23,6 @@ CANDIDATES = 2400
 BALANCE = 1.0
 # A patch that touches another patch that it does not overlap would depend on the order.
 _LEAST_PATCH = 6
-
-
-def first_pixels(
-    size: tuple[int, int], patch: int, overlap: int, seed: int, *, tileable: bool
-) -> tuple[Int32, Int32]:
-    """Check the numbers of a sheet; return the first row and column of its patches."""
-    if min(size) < 1:
-        raise DataError(f"a sheet of {size[1]} x {size[0]} pixels has no pixels")
-    check_options(patch, overlap, seed)
-    rows, columns = (positions(length, patch, overlap, tileable) for length in size)
-    return rows, columns
 
 
 def overlap_of(patch: int, overlap: int | None) -> int:
@@ -51,6 +39,11 @@ def check_options(patch: int, overlap: int, seed: int) -> None:
             f"an overlap of {overlap} pixels is out of range: patches of {patch} pixels overlap by "
             f"2 to {patch // 3}"
         )
+    check_seed(seed)
+
+
+def check_seed(seed: int) -> None:
+    """Raise `DataError` if a seed of random numbers is out of range."""
     if not 0 <= seed < 2**63:
         raise DataError(f"a seed of {seed} is out of range: use 0 to 2^63 - 1")
 
@@ -94,50 +87,26 @@ class Quilt:
     seed: int
     tileable: bool
 
-    @classmethod
-    def of(
-        cls,
-        exemplar: NormalMap,
-        size: tuple[int, int],
-        patch: int,
-        overlap: int | None,
-        seed: int,
-        *,
-        rotate: bool,
-        mirror: bool,
-        tileable: bool,
-    ) -> Quilt:
-        """Check the arguments of `synthesize` and prepare its exemplar."""
-        overlap = overlap_of(patch, overlap)
-        rows, columns = first_pixels(size, patch, overlap, seed, tileable=tileable)
-        made = prepare_exemplar(exemplar, patch, rotate=rotate, mirror=mirror)
-        return cls(made, size, rows, columns, patch, overlap, seed, tileable)
-
-    @property
-    def strips(self) -> list[StripRange]:
-        """The strips of the sheet."""
-        return strip_ranges(self.rows, self.size[0], self.patch, wrapped=self.tileable)
-
-    def nothing(self) -> Begun:
-        """Return the beginning of a sheet."""
-        return Begun.nothing(len(self.exemplar.shares), self.size[1])
-
     def fill_strip(
-        self, part: StripRange, begun: Begun
-    ) -> Generator[float, None, tuple[tuple[Float32, UInt8], Float64, int]]:
-        """Place the patches of a strip; yield the share that is done.
+        self, part: StripRange, sheet: Float32, labels: UInt8, uses: Float64, placed: int
+    ) -> Generator[float, None, int]:
+        """Place the patches of a strip; yield the share that is done, return their number.
 
-        Returned are the rows of the strip with their labels, the uses of the classes, and the
-        number of patches.
+        Parameters
+        ----------
+        part
+            The strip.
+        sheet, labels
+            Its rows, written.
+        uses, placed
+            Uses of each class, which are updated, and number of patches before.
         """
-        filled = begun.strip(part)
-        uses, placed = begun.uses.copy(), begun.placed
         groups = list(diagonals(part.last - part.first, len(self.columns), self.tileable))
         for number, patch_of in enumerate(groups, 1):
-            uses += self._place(*filled, part, patch_of, uses, placed)
+            uses += self._place(sheet, labels, part, patch_of, uses, placed)
             placed += len(patch_of)
             yield number / len(groups)
-        return filled, uses, placed
+        return placed
 
     def _place(
         self,

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from acquisition import MapRows
-from acquisition.files import MapToFill
-from rig.arrays import Float32, Float64, Int32, UInt8
+from rig.arrays import Float32, Int32
 
 # Rows of patches of a strip: as many threads can place patches of one diagonal.
 ROWS = 16
@@ -65,73 +64,6 @@ def strip_ranges(tops: Int32, height: int, patch: int, *, wrapped: bool) -> list
         done = (int(tops[last]) if last < len(tops) else height) - top
         ranges.append(StripRange(first, last, top, rows, done, around))
     return ranges
-
-
-@dataclass(frozen=True, eq=False)
-class Begun:
-    """A sheet of which the first strips are complete.
-
-    Parameters
-    ----------
-    strips
-        Number of complete strips.
-    uses, placed
-        How often each class of patches was used, and the number of patches.
-    normals, labels
-        ``(n, W, 3)`` and ``(n, W)``: the first rows of the next strip, as they are.
-    upper, upper_labels
-        The same for the first rows of the sheet, which the last strip of a sheet for tiling
-        overlaps.
-    """
-
-    strips: int
-    uses: Float64
-    placed: int
-    normals: Float32
-    labels: UInt8
-    upper: Float32
-    upper_labels: UInt8
-
-    @classmethod
-    def nothing(cls, classes: int, width: int) -> Begun:
-        """Return the beginning of a sheet."""
-        normals, labels = np.zeros((0, width, 3), np.float32), np.zeros((0, width), np.uint8)
-        return cls(0, np.zeros(classes), 0, normals, labels, normals, labels)
-
-    def strip(self, part: StripRange) -> tuple[Float32, UInt8]:
-        """Return the rows of the next strip with what is there."""
-        width = self.labels.shape[1]
-        normals = np.zeros((part.rows, width, 3), np.float32)
-        labels = np.zeros((part.rows, width), np.uint8)
-        normals[: len(self.normals)], labels[: len(self.labels)] = self.normals, self.labels
-        if part.around:
-            normals[-part.around :] = self.upper[: part.around]
-            labels[-part.around :] = self.upper_labels[: part.around]
-        return normals, labels
-
-    def after(
-        self,
-        part: StripRange,
-        filled: tuple[Float32, UInt8],
-        sheet: MapToFill,
-        labels: MapToFill,
-        patch: int,
-        uses: Float64,
-        placed: int,
-    ) -> Begun:
-        """Write the rows of a strip that was filled, and return the sheet after it."""
-        normals, numbers = filled
-        sheet[part.top : part.top + part.done] = normals[: part.done]
-        labels[part.top : part.top + part.done] = numbers[: part.done]
-        if part.around:
-            sheet[: part.around] = normals[-part.around :]
-            labels[: part.around] = numbers[-part.around :]
-        upper, upper_labels = self.upper, self.upper_labels
-        if not self.strips:
-            rows = min(patch, part.done)
-            upper, upper_labels = normals[:rows].copy(), numbers[:rows].copy()
-        rest = normals[part.done :].copy(), numbers[part.done :].copy()
-        return Begun(self.strips + 1, uses, placed, *rest, upper, upper_labels)
 
 
 def bands_with_margins(

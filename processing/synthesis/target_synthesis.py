@@ -21,6 +21,7 @@ from processing.synthesis.quilting import (
     CANDIDATES,
     check_options,
     diagonals,
+    overlap_of,
     positions,
 )
 from processing.synthesis.seam_steps import CutSteps, cut_steps
@@ -230,7 +231,7 @@ def synthesize_onto(
     """
     check_normal_map("exemplar", exemplar)
     check_normal_map("shape", shape)
-    overlap = max(patch // 4, 2) if overlap is None else overlap
+    overlap = overlap_of(patch, overlap)
     check_options(patch, overlap, seed)
     on_progress("preparing", 0, 1)
     pair = _guide_pair(guide, exemplar_guide, guide_weight, shape.mask, exemplar.mask)
