@@ -17,6 +17,7 @@ from processing.detail.seam import SeamSteps, blend_detail, seam_steps
 from processing.detail.separation import separate
 from processing.detail.shape_filter import ShapeFilter
 from processing.detail.transfer_stage import scale_slopes
+from processing.maps.mask import bounding_box
 from processing.maps.normal_map import NormalMap, check_normal_map
 from rig import Progress, in_threads, no_progress, pluralize
 from rig.arrays import Bool, Float32, Float64
@@ -368,8 +369,8 @@ def _checked(mask: Bool | None, normal_map: NormalMap, name: str) -> Bool:
 
 def _middle(mask: Bool) -> tuple[int, int]:
     """Return the (column, row) of the centre of a mask's bounding box."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    return int(columns[0] + columns[-1]) // 2, int(rows[0] + rows[-1]) // 2
+    rows, columns = bounding_box(mask)
+    return (columns.start + columns.stop - 1) // 2, (rows.start + rows.stop - 1) // 2
 
 
 def _cut(normal_map: NormalMap, region: Bool) -> NormalMap:

@@ -9,6 +9,7 @@ import cv2
 import numba
 import numpy as np
 
+from processing.maps.mask import bounding_box
 from processing.maps.metrics import angle_deg
 from processing.maps.normal_map import NormalMap
 from rig.arrays import Bool, Float32, Float64, Int32
@@ -195,8 +196,7 @@ def _membrane(step: Float64, seam: Bool, region: Bool, reach_px: float) -> Float
     the optimal factor reduces an error at least by the factor exp(-1.4 / reach), so the required
     number of sweeps is known in advance.
     """
-    rows, columns = np.flatnonzero(region.any(axis=1)), np.flatnonzero(region.any(axis=0))
-    box = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
+    box = bounding_box(region)
     u = np.pad(step[box], ((1, 1), (1, 1), (0, 0)))
     linked, free = np.pad(region[box], 1), np.pad((region & ~seam)[box], 1)
     screen = 1 / reach_px**2

@@ -13,8 +13,10 @@ from acquisition import DataError
 from processing.detail.rotation import rotate_from_z, rotate_to_z
 from processing.detail.seam import SeamSteps, seam_steps
 from processing.detail.shape_filter import ShapeFilter
+from processing.maps.mask import bounding_box
 from processing.maps.normal_map import NormalMap, check_normal_map
 from processing.surface.multigrid import coarsened, solve
+from processing.synthesis.exemplar import mean_angle
 from processing.synthesis.hole_detail import fill_detail
 from processing.synthesis.quilting import check_options
 from rig import Progress, no_progress, pluralize
@@ -63,12 +65,12 @@ class FilledHoles:
     @cached_property
     def detail_angle_deg(self) -> float:
         """Mean angle between the detail and z in the holes."""
-        return _mean_angle_deg(self.detail, self.holes)
+        return math.degrees(mean_angle(self.detail.normals[self.holes]))
 
     @cached_property
     def surroundings_angle_deg(self) -> float:
         """The same in the surroundings."""
-        return _mean_angle_deg(self.detail, self.surroundings)
+        return math.degrees(mean_angle(self.detail.normals[self.surroundings]))
 
 
 def fill_holes(
@@ -198,12 +200,6 @@ def _continued_shape(given: NormalMap, holes: Bool, shape_filter: ShapeFilter) -
     return shape
 
 
-def _mean_angle_deg(detail: NormalMap, part: Bool) -> float:
-    known = detail.normals[part]
-    angles = np.arctan2(np.hypot(known[:, 0], known[:, 1]), known[:, 2])
-    return math.degrees(float(np.mean(angles, dtype=np.float64)))
-
-
 def _harmonic_normals(normals: Float32, known: Bool, holes: Bool) -> Float32:
     """Continue unit vectors into holes, n_x and n_y as harmonic functions.
 
@@ -224,11 +220,8 @@ def _harmonic_normals(normals: Float32, known: Bool, holes: Bool) -> Float32:
     Float
         ``(H, W, 3)`` float32: `normals`, with unit vectors in the holes.
     """
-    rows, columns = np.flatnonzero(holes.any(axis=1)), np.flatnonzero(holes.any(axis=0))
-    box = (
-        slice(max(rows[0] - 1, 0), rows[-1] + 2),
-        slice(max(columns[0] - 1, 0), columns[-1] + 2),
-    )
+    rows, columns = (slice(max(part.start - 1, 0), part.stop + 1) for part in bounding_box(holes))
+    box = rows, columns
     continued = normals.copy()
     continued[box] = _solved(normals[box], known[box], holes[box])
     return continued

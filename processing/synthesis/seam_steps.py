@@ -12,8 +12,8 @@ from acquisition import MapRows
 from rig import in_threads
 from rig.arrays import AnyArray, Float32, Float64, Int64, UInt8
 
-# Steps are measured on at most this many rows and columns, in the middle.
-_MOST = 2048
+# Steps and figures are measured on at most this many rows and columns, in the middle.
+MOST = 2048
 # Rows that are read at once.
 _READ = 128
 
@@ -45,11 +45,9 @@ def part_in_middle(values: MapRows, rows: slice | None = None) -> AnyArray:
     """
     height, width = values.shape[:2]
     first, last, _ = (rows or slice(0, height)).indices(height)
-    y, x = first + max(0, last - first - _MOST) // 2, max(0, width - _MOST) // 2
-    last = min(y + _MOST, last)
-    parts = [
-        values[top : min(top + _READ, last)][:, x : x + _MOST] for top in range(y, last, _READ)
-    ]
+    y, x = first + max(0, last - first - MOST) // 2, max(0, width - MOST) // 2
+    last = min(y + MOST, last)
+    parts = [values[top : min(top + _READ, last)][:, x : x + MOST] for top in range(y, last, _READ)]
     return np.concatenate(parts)
 
 

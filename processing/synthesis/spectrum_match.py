@@ -11,6 +11,7 @@ from scipy.fft import fftshift, irfft2, rfft2
 
 from acquisition import MapRows
 from processing.maps.normal_map import NormalMap
+from processing.synthesis.exemplar import mean_angle, places_of
 from processing.synthesis.strips import bands_with_margins
 from rig.arrays import Bool, Complex64, Float32, Float64, Floating, Int64
 
@@ -64,8 +65,8 @@ def matching_kernel(sheet: MapRows, exemplar: NormalMap) -> Float32 | None:
     powers = np.maximum(_band_powers(exemplar, block, block // 2), _LEAST_POWER)
     wanted, spread = powers.mean(axis=0), powers.std(axis=0) / powers.mean(axis=0)
     has, waves, upright = _measured(sheet, block)
-    sampled = [_mean_angle(sheet[row : row + 1]) for row in range(0, sheet.shape[0], _SAMPLED)]
-    steeper = _mean_angle(exemplar.normals[exemplar.mask]) / float(np.mean(sampled))
+    sampled = [mean_angle(sheet[row : row + 1]) for row in range(0, sheet.shape[0], _SAMPLED)]
+    steeper = mean_angle(exemplar.normals[exemplar.mask]) / float(np.mean(sampled))
     stronger = np.sqrt(_total(wanted, block) / _total(has, block))
     # The angle is that of the complete mask, the power only that of blocks inside.
     factor = np.clip(stronger, (1 - _ANGLE_ERROR) * steeper, (1 + _ANGLE_ERROR) * steeper)
@@ -82,11 +83,6 @@ def matching_kernel(sheet: MapRows, exemplar: NormalMap) -> Float32 | None:
 def _total(powers: Float64, block: int) -> float:
     """Return the power of all bands."""
     return float(powers @ _band_counts(block, len(powers)))
-
-
-def _mean_angle(vectors: Float32) -> float:
-    slopes = np.hypot(vectors[..., 0], vectors[..., 1])
-    return float(np.mean(np.arctan2(slopes, vectors[..., 2]), dtype=np.float64))
 
 
 def _measured(sheet: MapRows, block: int) -> tuple[Float64, Complex64, Float32]:
@@ -200,15 +196,8 @@ def block_side(*masks: Bool) -> int:
 
 def _blocks(mask: Bool, block: int) -> Int64:
     """Return the first pixels ``(n, 2)`` of the overlapping blocks that lie inside a mask."""
-    rows, columns = mask.shape
-    if min(rows, columns) < block:
-        return np.zeros((0, 2), np.int64)
-    holes = np.zeros((rows + 1, columns + 1), np.int32)
-    np.cumsum(np.cumsum(~mask, axis=0, dtype=np.int32), axis=1, out=holes[1:, 1:])
-    inside = holes[block:, block:] - holes[:-block, block:]
-    inside += holes[:-block, :-block] - holes[block:, :-block]
     step = block // 4
-    return np.argwhere(inside[::step, ::step] == 0) * step
+    return np.argwhere(places_of(mask, block)[::step, ::step]) * step
 
 
 def band_power(part: NormalMap, block: int) -> Float64:

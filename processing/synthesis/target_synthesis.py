@@ -13,8 +13,9 @@ from scipy.ndimage import distance_transform_edt
 
 from acquisition import DataError
 from processing.curvatures.slopes import curvature
+from processing.maps.mask import bounding_box
 from processing.maps.normal_map import NormalMap, check_normal_map
-from processing.synthesis.exemplar import Exemplar, prepare_exemplar
+from processing.synthesis.exemplar import Exemplar, padded, prepare_exemplar, turns
 from processing.synthesis.footprint_search import Places
 from processing.synthesis.quilting import (
     BALANCE,
@@ -235,7 +236,7 @@ def synthesize_onto(
     check_options(patch, overlap, seed)
     on_progress("preparing", 0, 1)
     pair = _guide_pair(guide, exemplar_guide, guide_weight, shape.mask, exemplar.mask)
-    window = _bounding_box(shape.mask)
+    window = bounding_box(shape.mask)
     mask = shape.mask[window]
     part = NormalMap.of_unit_vectors(shape.normals[window], mask)
     turned = None
@@ -263,19 +264,13 @@ def synthesize_onto(
 
 
 def _places(exemplar: Exemplar) -> Places:
-    outside = np.all(exemplar.vectors == 0, axis=-1)
-    holes = np.zeros(tuple(np.add(outside.shape, (0, 1, 1))), np.int32)
-    holes[:, 1:, 1:] = np.cumsum(np.cumsum(outside, axis=1, dtype=np.int32), axis=2)
+    outside = np.all(exemplar.vectors == 0, axis=-1).astype(np.uint8)
+    holes = np.stack([np.asarray(cv2.integral(copy), np.int32) for copy in outside])
     slopes, penalty = exemplar.slopes.reshape(-1, 2), np.ones(len(exemplar.shares))
     return Places(
         exemplar.vectors, slopes, exemplar.classes, exemplar.starts, holes, penalty,
         exemplar.mean_energy, np.zeros(0, np.float32),
     )  # fmt: skip
-
-
-def _bounding_box(mask: Bool) -> tuple[slice, slice]:
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
 
 
 def _fill(
@@ -406,16 +401,10 @@ def _guide_pair(
 
 def _guide_copies(guide: Float32, *, rotate: bool, mirror: bool) -> Float32:
     """Return the guide of an exemplar for its copies, in the order of `prepare_exemplar`."""
-    height, width = guide.shape
-    side = (max(height, width), max(height, width)) if rotate else (height, width)
-    copies = []
-    for quarter in range(4 if rotate else 1):
-        for flip in (False, True) if mirror else (False,):
-            turned = np.rot90(guide, quarter)
-            turned = turned[:, ::-1] if flip else turned
-            copies.append(np.zeros(side, np.float32))
-            copies[-1][: turned.shape[0], : turned.shape[1]] = turned
-    return np.stack(copies).ravel()
+    turned = [
+        np.rot90(guide, quarter)[:, :: -1 if flip else 1] for quarter, flip in turns(rotate, mirror)
+    ]
+    return padded(turned, 0).ravel()
 
 
 def _curvature_direction_deg(shape: NormalMap, patch: int) -> Float32:
