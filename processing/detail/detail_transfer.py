@@ -6,20 +6,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-
 from acquisition.files import MemoryMaps
 from processing.detail.choices import Tile
 from processing.detail.placement import Placement
 from processing.detail.seam import SeamSteps, border_steps
-from processing.detail.separation import Separation, separate, sums_of_rows
+from processing.detail.separation import Separation, mean_over, separate
 from processing.detail.shape_filter import ShapeFilter
 from processing.detail.transfer_stage import TransferStage, scale_slopes
 from processing.maps.metrics import angle_map_deg
 from processing.maps.normal_map import NormalMap, check_normal_map
 from processing.stages.stage import run_steps
 from rig import Progress, no_progress
-from rig.arrays import Bool, Float32
+from rig.arrays import Float32
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,16 +54,12 @@ class TransferFidelity:
     @cached_property
     def shape_mae_deg(self) -> float:
         """Mean shape error over every pixel that received detail."""
-        return _mean(self.shape_error_deg, self.detail.mask)
+        return mean_over(self.shape_error_deg, self.detail.mask)
 
     @cached_property
     def detail_mae_deg(self) -> float:
         """Mean detail error over every pixel that received detail."""
-        return _mean(self.detail_error_deg, self.detail.mask)
-
-
-def _mean(values: Float32, mask: Bool) -> float:
-    return float(sums_of_rows(values, mask).sum() / np.count_nonzero(mask))
+        return mean_over(self.detail_error_deg, self.detail.mask)
 
 
 def fidelity_of(
@@ -124,7 +118,7 @@ class TransferResult:
     @cached_property
     def fidelity_paper(self) -> TransferFidelity:
         """The same errors with the paper's filter (a Gaussian of order 1)."""
-        paper = ShapeFilter("gaussian", 1, self.shape_filter.w)
+        paper = self.shape_filter.paper
         return fidelity_of(self.normal_map, self.target, self._placed_detail, paper)
 
     @cached_property

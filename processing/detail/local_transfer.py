@@ -233,7 +233,7 @@ class LocalTransferResult:
     @cached_property
     def fidelity_paper(self) -> TransferFidelity:
         """The same errors with the paper's filter (a Gaussian of order 1)."""
-        paper = ShapeFilter("gaussian", 1, self.shape_filter.w)
+        paper = self.shape_filter.paper
         return fidelity_of(self.normal_map, self.target, self._placed_detail, paper)
 
     @cached_property

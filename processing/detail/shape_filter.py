@@ -22,6 +22,8 @@ EdgeAware = Literal["guided", "bilateral"]
 _GUIDED_REACH = 0.8  # of w
 _GUIDED_EPSILON = 0.004
 _BILATERAL_RANGE = 0.3
+# Bytes per pixel that is separated: normals, shape, detail, and what the filter computes of them.
+_OF_BAND, _OF_EDGE_AWARE_BAND = 50, 225
 
 
 @dataclass(frozen=True)
@@ -89,6 +91,22 @@ class ShapeFilter:
         """Number of rows above and below on which the components of a row depend."""
         own = self.passes * (len(self._kernel) - 1)
         return own + _edge_reach(self.kind, self.w) if self.kind in ("guided", "bilateral") else own
+
+    @property
+    def halo(self) -> int:
+        """Rows above and below that are read to separate some rows."""
+        # A window that is cut at the border of the map must still fit.
+        return max(self.margin, 2 * self.w)
+
+    @property
+    def pixel_bytes(self) -> int:
+        """Bytes of memory per pixel that is separated."""
+        return _OF_EDGE_AWARE_BAND if self.kind in ("guided", "bilateral") else _OF_BAND
+
+    @property
+    def paper(self) -> ShapeFilter:
+        """The paper's filter with the same window: a Gaussian of order 1."""
+        return ShapeFilter("gaussian", 1, self.w)
 
     def shape(self, normal_map: NormalMap) -> NormalMap:
         """Return the shape component of a normal map; see `split`."""

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
-from acquisition import DataError, MapRows
+from acquisition import DataError
 from acquisition.files import Form, Maps, MapToFill
 from processing.detail.choices import Tile
 from processing.detail.placement import Cover, Placement, place_at
 from processing.detail.rotation import rotate_between, rotate_from_z
 from processing.detail.seam import SeamSteps, border_sums, steps_of_sums
 from processing.detail.separation import (
+    FIXED,
     LEAST_ROWS,
-    fixed,
-    halo_rows,
-    pixel_bytes,
     separate_rows,
     sums_of_rows,
     useful_rows,
@@ -39,41 +37,13 @@ _OF_BAND = 110
 # Bytes per pixel if both maps are in memory, besides those of the separation: of the target while
 # its errors are measured, of the source meanwhile and while it is separated, of a map that waits.
 _TARGET, _SOURCE, _SEPARATED, _WAITING = 105, 25, 15, 13
-# Bytes per pixel: of masks while the maps are on disk, and while the second map is read.
-_MASKS, _READING = 4, 6
+# Bytes per pixel while a map is read; masks need less while the maps are on disk.
+_READING = 6
 _PROTOCOLS: tuple[Protocol, ...] = ("masked", "paper")
 # Columns of the sums: errors, errors with the paper's filter, similarities, steps.
 COLUMNS = 2 + 2 + 4 + 4
 # Bytes for each pixel of the rectangle and of a row of copies while cuts are found.
 _RECTANGLE, _COPIES = 40, 12
-
-
-@dataclass(frozen=True, eq=False)
-class _PlacedDetail:
-    """The detail of a source as it is placed on a target, whose rows are computed on request.
-
-    Parameters
-    ----------
-    normals, mask
-        ``(h, w, 3)`` and ``(h, w)``: the detail of the source.
-    room
-        ``(H, W)`` bool, the mask of the target.
-    placement
-        Position of the source on the target.
-    amplitude
-        Factor on the slopes of the detail.
-    """
-
-    normals: MapRows
-    mask: Bool
-    room: Bool
-    placement: Placement
-    amplitude: float
-
-    def rows(self, rows: slice) -> tuple[Float32, Bool]:
-        """Return the normals of some rows, and which pixels of the target receive detail."""
-        placed = self.placement.place_rows(self.normals, self.mask, self.room, rows)
-        return _scaled_slopes(*placed, self.amplitude)
 
 
 def _scaled_slopes(normals: Float32, mask: Bool, amplitude: float) -> tuple[Float32, Bool]:
@@ -110,78 +80,6 @@ def _check_amplitude(amplitude: float) -> None:
         )
 
 
-def _check_steps(refine: int) -> None:
-    """Raise `DataError` if a number of refinement steps is negative."""
-    if refine < 0:
-        raise DataError(f"the number of refinement steps cannot be negative: {refine}")
-
-
-@dataclass(frozen=True)
-class TransferSizes:
-    """What the memory of a transfer depends on.
-
-    Parameters
-    ----------
-    source, target
-        (height, width) of the maps.
-    shape_filter
-        The filter that separates them.
-    refine
-        Number of corrections.
-    """
-
-    source: tuple[int, int]
-    target: tuple[int, int]
-    shape_filter: ShapeFilter = ShapeFilter()
-    refine: int = 0
-
-    @property
-    def halo(self) -> int:
-        """Rows above and below a band that it reads."""
-        return halo_rows(self.shape_filter) + AROUND
-
-    def whole(self) -> int:
-        """Return the bytes of a program that reads both maps and calls `transfer`."""
-        source, target = (height * width for height, width in (self.source, self.target))
-        filtered = pixel_bytes(self.shape_filter)
-        return fixed() + max(
-            source * (_SEPARATED + filtered) + target * _WAITING,
-            source * _SOURCE + target * (_TARGET + filtered),
-        )
-
-    def least(self) -> int:
-        """Return the bytes of a transfer in bands, at least."""
-        around = min(2 * self.halo, self._height()) * self._filtered()
-        band = around + min(LEAST_ROWS, self._height()) * self._row()
-        return min(self._outside() + band, self.whole())
-
-    def band_rows(self, memory: int) -> int:
-        """Return the rows of a band for which a number of bytes is enough."""
-        free = memory - self._outside() - 2 * self.halo * self._filtered()
-        return useful_rows(free // self._row(), self.halo)
-
-    def spare(self, memory: int) -> int:
-        """Return the bytes that are left for a part of the source before the first band."""
-        return memory - self._outside()
-
-    def _outside(self) -> int:
-        """Return the bytes besides a band."""
-        source, target = (height * width for height, width in (self.source, self.target))
-        held = _MASKS * target + source
-        return fixed() + max(_READING * source, _READING * target + source, held)
-
-    def _filtered(self) -> int:
-        """Return the bytes of a row that is only filtered."""
-        return max(self.source[1], self.target[1]) * pixel_bytes(self.shape_filter)
-
-    def _row(self) -> int:
-        """Return the bytes of a row of a band."""
-        return self._filtered() + max(self.source[1], self.target[1]) * _OF_BAND
-
-    def _height(self) -> int:
-        return max(self.source[0], self.target[0])
-
-
 @dataclass(frozen=True)
 class TransferFigures:
     """Figures of a transfer.
@@ -211,31 +109,6 @@ class TransferFigures:
     detail_ssim_paper: float
     seam: SeamSteps
     pixels: int
-
-    @classmethod
-    def of_sums(cls, sums: Float64, received: Bool) -> TransferFigures:
-        """Return the figures of the sums ``(H, COLUMNS)`` of all rows."""
-        pixels = int(np.count_nonzero(received))
-        columns = [np.ascontiguousarray(column) for column in sums.T]
-        shape, detail, shape_paper, detail_paper = (
-            float(column.sum() / pixels) for column in columns[:4]
-        )
-        similar = [
-            mean_similarity(column, received, protocol)
-            for column, protocol in zip(columns[4:8], 2 * _PROTOCOLS, strict=True)
-        ]
-        return cls(
-            shape_mae_deg=shape,
-            detail_mae_deg=detail,
-            shape_mae_deg_paper=shape_paper,
-            detail_mae_deg_paper=detail_paper,
-            shape_ssim=similar[0],
-            shape_ssim_paper=similar[1],
-            detail_ssim=similar[2],
-            detail_ssim_paper=similar[3],
-            seam=steps_of_sums(sums[:, 8:]),
-            pixels=pixels,
-        )
 
 
 def _error_sums(errors: tuple[Float32, Float32], received: Bool) -> Float64:
@@ -309,7 +182,8 @@ class TransferStage:
     tile: Tile = "cut"
 
     def __post_init__(self) -> None:
-        _check_steps(self.refine)
+        if self.refine < 0:
+            raise DataError(f"the number of refinement steps cannot be negative: {self.refine}")
         _check_amplitude(self.amplitude)
 
     @property
@@ -322,18 +196,32 @@ class TransferStage:
         """The maps of the result before and after each correction."""
         return [("normals", "refined")[done % 2] for done in range(self.refine + 1)]
 
-    @property
-    def _paper(self) -> ShapeFilter:
-        return ShapeFilter("gaussian", 1, self.shape_filter.w)
-
     def need(self, *sizes: Size) -> Need:
         """Return the memory for a source and a target."""
-        texts = (f"{width} x {height}" for height, width in sizes)
-        used = self._sizes(*sizes)
-        return Need(used.whole(), used.least(), f"normal maps of {' and '.join(texts)} pixels")
+        source, target = (height * width for height, width in sizes)
+        filtered = self.shape_filter.pixel_bytes
+        whole = FIXED + max(
+            source * (_SEPARATED + filtered) + target * _WAITING,
+            source * _SOURCE + target * (_TARGET + filtered),
+        )
+        outside, of_halo, of_row = self._bytes_in_bands(*sizes)
+        height = max(height for height, _ in sizes)
+        band = min(2 * self._halo, height) * of_halo + min(LEAST_ROWS, height) * of_row
+        texts = " and ".join(f"{width} x {height}" for height, width in sizes)
+        return Need(whole, min(outside + band, whole), f"normal maps of {texts} pixels")
 
-    def _sizes(self, source: Size, target: Size) -> TransferSizes:
-        return TransferSizes(source, target, self.shape_filter, self.refine)
+    @property
+    def _halo(self) -> int:
+        """Rows above and below a band that it reads."""
+        return self.shape_filter.halo + AROUND
+
+    def _bytes_in_bands(self, *sizes: Size) -> tuple[int, int, int]:
+        """Return the bytes besides a band, of a row that is only filtered, and of one in it."""
+        source, target = (height * width for height, width in sizes)
+        outside = max(_READING * source, _READING * target + source)
+        width = max(width for _, width in sizes)
+        filtered = width * self.shape_filter.pixel_bytes
+        return FIXED + outside, filtered, filtered + width * _OF_BAND
 
     def forms(self, *sizes: Size) -> Mapping[str, Form]:
         """Return shapes and types of the maps."""
@@ -368,34 +256,28 @@ class TransferStage:
         way = Cover.of(source, target, self.tile)
         return way.placement(self.tile, maps["copies"] if way.is_cut else None)
 
-    def _check_cuts(self, way: Cover, sizes: TransferSizes, memory: int) -> None:
-        """Refuse copies whose cuts need more memory."""
-        _, _, width, height = way.window
-        needed = height * (width * _RECTANGLE + way.size[1] * _COPIES)
-        if needed > sizes.spare(memory):
-            missing = needed - sizes.spare(memory)
-            raise DataError(
-                f"the copies of a source of {width} x {height} pixels that are joined along cuts "
-                f"need {(memory + missing) / 2**20:.0f}M of memory, {memory / 2**20:.0f}M are "
-                "allowed: allow more, or repeat the source without cuts"
-            )
-
     def steps(self, maps: Maps, *inputs: NormalRows, memory: int | None = None) -> list[Step]:
         """Return the steps from the separation of the source to the measurement of the result."""
         source, target = inputs
-        by, sizes = self.shape_filter, self._sizes(size_of(source), size_of(target))
-        placement = self.placement(maps, source.mask, target.mask)
+        by, placement = self.shape_filter, self.placement(maps, source.mask, target.mask)
         way = Cover.of(source.mask, target.mask, self.tile) if self._is_cut else None
-        if memory is not None and way is not None and way.is_cut:
-            self._check_cuts(way, sizes, memory)
-        most = None if memory is None else sizes.band_rows(memory)
-        masks = source.mask, target.mask
-        detail = _PlacedDetail(maps["source_detail"], *masks, placement, self.amplitude)
+        most = None
+        if memory is not None:
+            outside, of_halo, of_row = self._bytes_in_bands(size_of(source), size_of(target))
+            if way is not None and way.is_cut:
+                _check_cuts(way, outside, memory)
+            free = memory - outside - 2 * self._halo * of_halo
+            most = useful_rows(free // of_row, self._halo)
 
         def separate(rows: slice) -> None:
-            for name, used in (("source_detail", by), ("paper_detail", self._paper)):
+            for name, used in (("source_detail", by), ("paper_detail", by.paper)):
                 parts = separate_rows(source.normals, source.mask, rows, shape_filter=used)
                 maps[name][rows] = parts[1]
+
+        def placed_rows(name: str, rows: slice) -> tuple[Float32, Bool]:
+            """Return a detail on some rows of the target, and which pixels receive it."""
+            placed = placement.place_rows(maps[name], source.mask, target.mask, rows)
+            return _scaled_slopes(*placed, self.amplitude)
 
         def cut(_: slice) -> None:
             if way is not None and way.is_cut:
@@ -403,7 +285,7 @@ class TransferStage:
 
         def receive(rows: slice) -> None:
             shape, _ = separate_rows(target.normals, target.mask, rows, shape_filter=by)
-            placed, received = detail.rows(rows)
+            placed, received = placed_rows("source_detail", rows)
             own = target.normals[rows]
             maps["shape"][rows], maps["received"][rows] = shape, received
             ground = own if self.keep_target_detail else shape
@@ -420,7 +302,7 @@ class TransferStage:
             return correct
 
         def measure(rows: slice) -> None:
-            self._measure(maps, target, rows, detail)
+            self._measure(maps, target, rows, placement, placed_rows)
 
         height = len(target.mask)
         corrections = pairwise(maps[name] for name in self._states)
@@ -440,15 +322,16 @@ class TransferStage:
         maps: Maps,
         target: NormalRows,
         rows: slice,
-        detail: _PlacedDetail,
+        placement: Placement,
+        placed_rows: Callable[[str, slice], tuple[Float32, Bool]],
     ) -> None:
         """Write errors and sums of some rows."""
         normals, mask, by = maps[self.result], target.mask, self.shape_filter
-        height, as_paper = len(mask), replace(detail, normals=maps["paper_detail"])
+        height, paper = len(mask), by.paper
         wide = slice(max(rows.start - AROUND, 0), min(rows.stop + AROUND, height))
         inner = slice(rows.start - wide.start, rows.stop - wide.start)
         has = separate_rows(normals, mask, wide, shape_filter=by)
-        placed, received = detail.rows(wide)
+        placed, received = placed_rows("source_detail", wide)
         wanted = maps["shape"][wide], placed
         shapes, details = ((has[k], wanted[k]) for k in (0, 1))
         similar = _similarity_sums((shapes, details), mask[wide], received)[inner]
@@ -457,31 +340,39 @@ class TransferStage:
         maps["shape_error"][rows], maps["detail_error"][rows] = errors
         sums = [_error_sums(errors, got)]
         del has, shapes, details, errors, wanted
-        has = separate_rows(normals, mask, rows, shape_filter=self._paper)
-        wanted = (
-            separate_rows(target.normals, mask, rows, shape_filter=self._paper)[0],
-            as_paper.rows(rows)[0],
-        )
+        has = separate_rows(normals, mask, rows, shape_filter=paper)
+        shape, _ = separate_rows(target.normals, mask, rows, shape_filter=paper)
+        wanted = shape, placed_rows("paper_detail", rows)[0]
+        del shape
         sums += [_error_sums(_errors(wanted, has, slice(None), got), got), similar]
         del has, wanted
-        sums.append(self._border_sums(detail.placement, placed, received, inner, wide))
+        sums.append(_border_sums(placement, placed, received, inner, wide))
         maps["sums"][rows] = np.concatenate(sums, axis=1)
-
-    def _border_sums(
-        self, placement: Placement, placed: Float32, received: Bool, inner: slice, wide: slice
-    ) -> Float64:
-        count = inner.stop - inner.start
-        if placement.tiles == (1, 1):
-            return np.zeros((count, 4))
-        # With the row below, to which there are steps, too.
-        rows = slice(inner.start, min(inner.stop + 1, len(placed)))
-        of_target = slice(wide.start + rows.start, wide.start + rows.stop)
-        labels = placement.label_rows(of_target, placed.shape[1])
-        return border_sums(placed[rows], received[rows], labels)[:count]
 
     def figures(self, maps: Maps, target: Bool) -> TransferFigures:
         """Return the figures after all rows were measured."""
-        return TransferFigures.of_sums(maps["sums"][:], maps["received"][:] & target)
+        sums, received = maps["sums"][:], maps["received"][:] & target
+        pixels = int(np.count_nonzero(received))
+        columns = [np.ascontiguousarray(column) for column in sums.T]
+        means = (float(column.sum() / pixels) for column in columns[:4])
+        similarities = (
+            mean_similarity(column, received, protocol)
+            for column, protocol in zip(columns[4:8], 2 * _PROTOCOLS, strict=True)
+        )
+        of_fields: list[Any] = [*means, *similarities, steps_of_sums(sums[:, 8:]), pixels]
+        return TransferFigures(*of_fields)
+
+
+def _check_cuts(way: Cover, outside: int, memory: int) -> None:
+    """Refuse copies whose cuts need more memory; ``outside`` are the bytes of other things."""
+    _, _, width, height = way.window
+    needed = outside + height * (width * _RECTANGLE + way.size[1] * _COPIES)
+    if needed > memory:
+        raise DataError(
+            f"the copies of a source of {width} x {height} pixels that are joined along cuts "
+            f"need {needed / 2**20:.0f}M of memory, {memory / 2**20:.0f}M are "
+            "allowed: allow more, or repeat the source without cuts"
+        )
 
 
 def _errors(
@@ -492,3 +383,16 @@ def _errors(
         angle_map_deg(a[inner], b[inner], received) for a, b in zip(wanted, has, strict=True)
     )
     return shape, detail
+
+
+def _border_sums(
+    placement: Placement, placed: Float32, received: Bool, inner: slice, wide: slice
+) -> Float64:
+    count = inner.stop - inner.start
+    if placement.tiles == (1, 1):
+        return np.zeros((count, 4))
+    # With the row below, to which there are steps, too.
+    rows = slice(inner.start, min(inner.stop + 1, len(placed)))
+    of_target = slice(wide.start + rows.start, wide.start + rows.stop)
+    labels = placement.label_rows(of_target, placed.shape[1])
+    return border_sums(placed[rows], received[rows], labels)[:count]

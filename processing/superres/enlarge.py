@@ -12,7 +12,6 @@ import numpy as np
 
 from acquisition import MapRows
 from processing.detail.rotation import rotate_from_z
-from processing.detail.separation import halo_rows
 from processing.detail.shape_filter import ShapeFilter
 from processing.maps.metrics import angle_map_deg
 from processing.maps.normal_map import NormalMap
@@ -243,7 +242,7 @@ class LowMap:
 def margin_rows(halo: int) -> int:
     """Return the rows above and below that `LowMap.of` reads, of a network with a halo."""
     # What the continuation, the filter and the means of points depend on.
-    return halo + halo_rows(ShapeFilter()) + 2 * REACH_PX
+    return halo + ShapeFilter().halo + 2 * REACH_PX
 
 
 def reached(mask: Bool) -> Bool:
