@@ -20,7 +20,7 @@ from rig import Progress, no_progress
 from rig.arrays import Bool, Float32, Float64
 
 # The interpreter, libraries and compiled kernels.
-FIXED = 330_000_000
+_FIXED = 330_000_000
 # Bytes per pixel: of a map in memory besides those of its separation, and of masks while the maps
 # are on disk.
 _MAP, _ON_DISK = 13, 6
@@ -63,8 +63,8 @@ class SeparationStage:
         halo, of_pixel = self.shape_filter.halo, self.shape_filter.pixel_bytes
         rows = min(LEAST_ROWS + 2 * halo, height)
         return Need(
-            FIXED + height * width * (_MAP + of_pixel),
-            FIXED + width * (_ON_DISK * height + rows * of_pixel),
+            _FIXED + height * width * (_MAP + of_pixel),
+            _FIXED + width * (_ON_DISK * height + rows * of_pixel),
             f"a normal map of {width} x {height} pixels",
         )
 
@@ -81,7 +81,7 @@ class SeparationStage:
         normals, mask, by = given.normals, given.mask, self.shape_filter
         most = None
         if memory is not None:
-            free = (memory - FIXED - _ON_DISK * mask.size) // (mask.shape[1] * by.pixel_bytes)
+            free = (memory - _FIXED - _ON_DISK * mask.size) // (mask.shape[1] * by.pixel_bytes)
             most = useful_rows(free - 2 * by.halo, by.halo)
 
         def split(rows: slice) -> None:
@@ -158,6 +158,11 @@ def separate_rows(
 def useful_rows(rows: int, halo: int) -> int:
     """Return the rows of a band: as many as fit, but not more than are useful."""
     return max(1, min(rows, max(_MOST_MARGINS * halo, _MOST_ROWS)))
+
+
+def fixed() -> int:
+    """Return the bytes of the interpreter, libraries and compiled kernels."""
+    return _FIXED
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,8 +16,8 @@ from processing.detail.placement import Cover, Placement, place_at
 from processing.detail.rotation import rotate_between, rotate_from_z
 from processing.detail.seam import SeamSteps, border_sums, steps_of_sums
 from processing.detail.separation import (
-    FIXED,
     LEAST_ROWS,
+    fixed,
     separate_rows,
     sums_of_rows,
     useful_rows,
@@ -200,7 +200,7 @@ class TransferStage:
         """Return the memory for a source and a target."""
         source, target = (height * width for height, width in sizes)
         filtered = self.shape_filter.pixel_bytes
-        whole = FIXED + max(
+        whole = fixed() + max(
             source * (_SEPARATED + filtered) + target * _WAITING,
             source * _SOURCE + target * (_TARGET + filtered),
         )
@@ -221,7 +221,7 @@ class TransferStage:
         outside = max(_READING * source, _READING * target + source)
         width = max(width for _, width in sizes)
         filtered = width * self.shape_filter.pixel_bytes
-        return FIXED + outside, filtered, filtered + width * _OF_BAND
+        return fixed() + outside, filtered, filtered + width * _OF_BAND
 
     def forms(self, *sizes: Size) -> Mapping[str, Form]:
         """Return shapes and types of the maps."""
