@@ -87,6 +87,24 @@ def solve(weight: Float64, samples: Float64, factors: Float64) -> Float64:
     return np.asarray(np.linalg.solve(normal + ridge * np.eye(3), target[..., None])[..., 0])
 
 
+def robust_solution(
+    slopes: Float64, target: Float64, steps: int, half_weight: float
+) -> tuple[Float64, Float64, Float64]:
+    """Return the x of ``target = slopes @ x`` that explains most rows, by reweighted least squares.
+
+    A residual of ``half_weight`` times the median has half of the weight. Returned are also the
+    last weights, and the weighted products of the slopes from which the solution follows.
+    """
+    weight = np.ones(len(target))
+    for _ in range(steps):
+        rows = weight[:, None] * slopes
+        products = rows.T @ slopes
+        found = np.asarray(np.linalg.lstsq(products, rows.T @ target, rcond=None)[0])
+        deviation = np.abs(target - slopes @ found)
+        weight = 1 / (1 + (deviation / max(half_weight * float(np.median(deviation)), 1e-6)) ** 2)
+    return found, weight, products
+
+
 def align(found: Float64, given: Float64) -> Float64:
     """Map the lights that the images show to the given ones, by the linear map that fits most.
 
