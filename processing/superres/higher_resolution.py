@@ -44,7 +44,7 @@ class SuperResolution:
         height, width = self.mask.shape
         count = np.count_nonzero(self.mask)
         made = f"NormalMap(float32[{height}, {width}, 3], {count} normals)"
-        return f"SuperResolution({made}, {self.method}, x{self.scale})"
+        return f"SuperResolution({made}, {self.stage.method}, x{self.stage.scale})"
 
     @cached_property
     def mask(self) -> Bool:
@@ -96,26 +96,6 @@ class SuperResolution:
     def mean_added_deg(self) -> float:
         """Mean of `added_deg` over the mask."""
         return float(self.maps["sums"][:][:, 2].sum() / np.count_nonzero(self.mask))
-
-    @property
-    def method(self) -> SuperResolutionMethod:
-        """How the map was made."""
-        return self.stage.method
-
-    @property
-    def scale(self) -> int:
-        """Factor of the resolution."""
-        return self.stage.scale
-
-    @property
-    def model(self) -> SuperResolutionModel | None:
-        """The network; None for bicubic interpolation."""
-        return self.stage.model
-
-    @property
-    def self_ensemble(self) -> bool:
-        """Whether the results of turned copies were averaged."""
-        return self.stage.self_ensemble
 
 
 def _median_of_rows(values: MapRows, mask: Bool) -> float:

@@ -133,9 +133,17 @@ class SuperResolutionStage:
 
     def need(self, *sizes: Size) -> Need:
         """Return the memory for a map of (height, width)."""
-        (size,) = sizes
+        ((height, width),) = sizes
         # Without a network, what it would need is reserved, too.
-        return _memory_need(size, self.scale, 19 if self.model is None else self.model.halo_px)
+        halo = 19 if self.model is None else self.model.halo_px
+        rows, finer = _tile_side(halo), self.scale**2
+        read = min(rows + 2 * (halo + margin_rows(halo)), height)
+        band = width * (read * _OF_LOW_BAND + finer * min(rows, height) * _OF_BAND)
+        return Need(
+            _FIXED + band + height * width * (_MAP + finer * _WHOLE),
+            _FIXED + band + height * width * (_MASK + finer * _ON_DISK),
+            f"a normal map of {width} x {height} pixels at scale {self.scale}",
+        )
 
     def forms(self, *sizes: Size) -> Mapping[str, Form]:
         """Return shapes and types of the maps.
@@ -207,6 +215,11 @@ class SuperResolutionStage:
             maps[name][rows] = values
 
 
+def _tile_side(halo: int) -> int:
+    """Return the side of a tile for a halo, both in pixels of the low resolution."""
+    return max(TILE_PX, _HALOS * halo)
+
+
 def _put(maps: Filled, own: Float32, columns: slice, made: HighTile) -> None:
     """Write a tile into the maps of its rows."""
     part = slice(None), columns
@@ -225,27 +238,3 @@ def _put(maps: Filled, own: Float32, columns: slice, made: HighTile) -> None:
 def _sums(maps: Filled, own: Float32) -> Float64:
     mask, added = maps["mask"], maps["added_deg"]
     return np.stack([sums_of_rows(each, mask) for each in (added**2, own**2, added)], axis=1)
-
-
-def _memory_need(size: Size, scale: int, halo_px: int) -> Need:
-    """Return the memory for a map of (height, width) and a network with a halo."""
-    height, width = size
-    fixed = _FIXED + _band(size, scale, halo_px)
-    return Need(
-        fixed + height * width * (_MAP + scale**2 * _WHOLE),
-        fixed + height * width * (_MASK + scale**2 * _ON_DISK),
-        f"a normal map of {width} x {height} pixels at scale {scale}",
-    )
-
-
-def _tile_side(halo: int) -> int:
-    """Return the side of a tile for a halo, both in pixels of the low resolution."""
-    return max(TILE_PX, _HALOS * halo)
-
-
-def _band(size: tuple[int, int], scale: int, halo_px: int) -> int:
-    """Return the bytes for rows that are computed together."""
-    height, width = size
-    rows = _tile_side(halo_px)
-    read = min(rows + 2 * (halo_px + margin_rows(halo_px)), height)
-    return width * (read * _OF_LOW_BAND + scale**2 * min(rows, height) * _OF_BAND)

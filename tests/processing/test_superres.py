@@ -136,7 +136,7 @@ def test_bicubic_interpolation_is_that_of_the_normals():
     made = super_resolve(low, 2, method="bicubic")
     np.testing.assert_allclose(made.normal_map.normals, units(bicubic(low.normals, 2)), atol=1e-6)
     assert made.sigma_deg is None
-    assert made.model is None
+    assert made.stage.model is None
     assert made.invented_share == 0
     assert not made.invented.any()
 
@@ -265,7 +265,7 @@ def test_turned_copies_are_averaged_at_scale_4_unless_refused():
         other = super_resolve(low, scale, self_ensemble=not default)
         np.testing.assert_array_equal(made.normal_map.normals, same.normal_map.normals)
         np.testing.assert_array_equal(made.sigma_deg, same.sigma_deg)
-        assert (made.self_ensemble, other.self_ensemble) == (default, not default)
+        assert (made.stage.self_ensemble, other.stage.self_ensemble) == (default, not default)
         assert np.abs(made.normal_map.normals - other.normal_map.normals).max() > 1e-4
 
 
@@ -326,7 +326,7 @@ def test_a_network_of_the_other_domain_works_in_that_domain(tmp_path):
     low, other = rough(20, 24), OTHER[KINDS[4].domain]
     path = copied(tmp_path, domain=other)
     made = super_resolve(low, 4, model=path)
-    assert made.method == other
+    assert made.stage.method == other
     plain = super_resolve(low, 4, method="bicubic")
     assert angular_error(made.normal_map, plain.normal_map).mae_deg < 45
     with pytest.raises(DataError, match=f"the method {KINDS[4].domain} needs one"):
