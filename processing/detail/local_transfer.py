@@ -11,12 +11,11 @@ import numba
 import numpy as np
 
 from acquisition import DataError
-from processing.detail.detail_transfer import TransferFidelity, fidelity_of
+from processing.detail.detail_transfer import TransferFidelity, fidelity_of, scale_slopes
 from processing.detail.rotation import rotate_from_z
 from processing.detail.seam import SeamSteps, blend_detail, seam_steps
 from processing.detail.separation import separate
 from processing.detail.shape_filter import ShapeFilter
-from processing.detail.transfer_stage import scale_slopes
 from processing.maps.mask import bounding_box
 from processing.maps.normal_map import NormalMap, check_normal_map
 from rig import Progress, in_threads, no_progress, pluralize

@@ -15,8 +15,6 @@ from processing.maps.normal_map import NormalMap
 from rig.arrays import Bool, Float32, Float64, Int32
 
 _CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
-# Rows whose steps are measured at once.
-_AT_ONCE = 256
 # Slices that enumerate each pair of neighbours once: (left, right) and (upper, lower).
 _NEIGHBOURS = (
     ((slice(None), slice(None, -1)), (slice(None), slice(1, None))),
@@ -118,33 +116,15 @@ def seam_steps(result: NormalMap, region: Bool) -> SeamSteps:
     return SeamSteps(float(np.fmax(outwards, inwards)), inner)
 
 
-def border_steps(detail: NormalMap, labels: Int32) -> SeamSteps:
-    """Measure the mean angle between neighbouring normals of different copies and of the same.
-
-    Parameters
-    ----------
-    detail
-        The placed detail.
-    labels
-        ``(H, W)`` int32: number of the copy at each pixel; pixels below 0 are not measured.
-    """
-    height = len(labels)
-    sums = []
-    for top in range(0, height, _AT_ONCE):
-        last = min(top + _AT_ONCE, height)
-        rows = slice(top, min(last + 1, height))
-        found = border_sums(detail.normals[rows], detail.mask[rows], labels[rows])
-        sums.append(found[: last - top])
-    return steps_of_sums(np.concatenate(sums))
-
-
 def border_sums(normals: Float32, known: Bool, labels: Int32) -> Float64:
     """Return the sums that `steps_of_sums` needs for rows of a placed detail.
 
     Parameters
     ----------
-    normals, known, labels
-        ``(n, W, 3)``, ``(n, W)`` and ``(n, W)``, as for `border_steps`.
+    normals, known
+        ``(n, W, 3)`` and ``(n, W)``, the detail.
+    labels
+        ``(n, W)`` number of the copy at each pixel; pixels below 0 are not measured.
 
     Returns
     -------

@@ -18,7 +18,7 @@ import processing
 from acquisition import DataError, MissingPathError, angle_deg
 from processing import NormalMap, angular_error, super_resolve
 from processing.superres import SuperResolutionStage, low_resolution, read_superres_model
-from processing.superres import super_resolution_stage as memory_module
+from processing.superres import higher_resolution as memory_module
 from processing.superres.enlarge import (
     bicubic,
     blend,
