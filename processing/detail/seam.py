@@ -82,9 +82,10 @@ class SeamSteps:
     ----------
     seam_deg
         Step across the seam: the larger of the mean steps into and out of the outermost pixels of
-        the part. For tiles: the mean step of the detail across their borders.
+        the part. For tiles and patches: the mean step of the detail across their borders.
     interior_deg
-        Step between neighbours inside the part, without its outermost pixels; inside tiles.
+        Step between neighbours inside the part, without its outermost pixels; inside tiles and
+        patches.
     """
 
     seam_deg: float

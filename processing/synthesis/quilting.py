@@ -12,13 +12,14 @@ from acquisition import DataError
 from processing.detail.minimum_cuts import taken_pixels
 from processing.synthesis.exemplar import Exemplar
 from processing.synthesis.patch_search import Bands, find_place, stream
-from processing.synthesis.strips import StripRange
 from rig import in_threads
 from rig.arrays import Float32, Float64, Int32, Int64, UInt8
 
 # Compiled in: processing/detail/minimum_cuts.py bb2f904075fe
 # Compiled in: processing/synthesis/patch_search.py 525035d142dc
 CANDIDATES = 2400
+# Rows of patches of a strip: as many threads can place patches of one diagonal.
+ROWS = 16
 # How strongly a class of patches that was used often is avoided.
 BALANCE = 1.0
 # A patch that touches another patch that it does not overlap would depend on the order.
@@ -60,6 +61,56 @@ def positions(length: int, patch: int, overlap: int, tileable: bool) -> Int32:
         )
     count = -(-length // stride)
     return (np.arange(count) * length // count).astype(np.int32)
+
+
+@dataclass(frozen=True)
+class StripRange:
+    """A part of a sheet in which some rows of patches are placed.
+
+    Parameters
+    ----------
+    first, last
+        Range of the rows of patches.
+    top, rows, done
+        First row of the sheet, number of rows, and how many of them the next strip leaves as they
+        are.
+    around
+        Number of rows at the end of the strip that are the first rows of the sheet.
+    """
+
+    first: int
+    last: int
+    top: int
+    rows: int
+    done: int
+    around: int
+
+
+def strip_ranges(tops: Int32, height: int, patch: int, *, wrapped: bool) -> list[StripRange]:
+    """Return the strips of a sheet from the top downwards.
+
+    Parameters
+    ----------
+    tops
+        First row of the sheet of each row of patches.
+    height
+        Rows of the sheet.
+    patch
+        Side of the patches.
+    wrapped
+        The last row of patches overlaps the first one. It is a strip of its own, which continues
+        with the first rows of the sheet.
+    """
+    count = len(tops) - wrapped
+    starts = [*range(0, count, ROWS), count] if wrapped else [*range(0, count, ROWS)]
+    ranges = []
+    for first, last in zip(starts, [*starts[1:], len(tops)], strict=True):
+        top, bottom = int(tops[first]), int(tops[last - 1]) + patch
+        around = max(bottom - height, 0) if wrapped else 0
+        rows = min(bottom, height) + around - top
+        done = (int(tops[last]) if last < len(tops) else height) - top
+        ranges.append(StripRange(first, last, top, rows, done, around))
+    return ranges
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numba
 import numpy as np
 
 from acquisition import MapRows
+from processing.detail.seam import SeamSteps
 from rig import in_threads
 from rig.arrays import AnyArray, Float32, Float64, Int64, UInt8
 
@@ -16,26 +16,6 @@ from rig.arrays import AnyArray, Float32, Float64, Int64, UInt8
 MOST = 2048
 # Rows that are read at once.
 _READ = 128
-
-
-class CutSteps(NamedTuple):
-    """Mean angles between neighbouring normals in degrees; NaN if there are no such neighbours.
-
-    Parameters
-    ----------
-    across_deg
-        Across cuts: the two pixels belong to different patches.
-    inside_deg
-        Inside patches.
-    """
-
-    across_deg: float
-    inside_deg: float
-
-    @property
-    def ratio(self) -> float:
-        """``across_deg / inside_deg``: up to about 1, no cut is visible."""
-        return self.across_deg / self.inside_deg if self.inside_deg else math.nan
 
 
 def part_in_middle(values: MapRows, rows: slice | None = None) -> AnyArray:
@@ -51,7 +31,7 @@ def part_in_middle(values: MapRows, rows: slice | None = None) -> AnyArray:
     return np.concatenate(parts)
 
 
-def cut_steps(normals: MapRows, labels: MapRows, *, wrapped: bool = False) -> CutSteps:
+def cut_steps(normals: MapRows, labels: MapRows, *, wrapped: bool = False) -> SeamSteps:
     """Measure the steps between pixels of the same and of different labels.
 
     Parameters
@@ -77,7 +57,7 @@ def cut_steps(normals: MapRows, labels: MapRows, *, wrapped: bool = False) -> Cu
     in_threads(_steps, rows, normals, labels, sums, counts)
     totals, numbers = sums.sum(axis=0), counts.sum(axis=0)
     means = [math.degrees(t / n) if n else math.nan for t, n in zip(totals, numbers, strict=True)]
-    return CutSteps(means[1], means[0])
+    return SeamSteps(means[1], means[0])
 
 
 @numba.njit(cache=True)

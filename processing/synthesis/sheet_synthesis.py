@@ -12,18 +12,26 @@ import numpy as np
 
 from acquisition import DataError, MapRows
 from acquisition.files import Form, Maps, MapToFill
+from processing.detail.seam import SeamSteps
 from processing.maps.normal_map import NormalMap, check_normal_map
 from processing.stages.stage import Need, NormalRows, Size, Step, computed
 from processing.synthesis.exemplar import CLASSES, prepare_exemplar
-from processing.synthesis.quilting import Quilt, check_options, overlap_of, positions
-from processing.synthesis.seam_steps import CutSteps, cut_steps, part_in_middle
-from processing.synthesis.spectrum_match import KERNEL, filtered_bands, matching_kernel
-from processing.synthesis.strips import (
-    CORRECTED_ROWS,
+from processing.synthesis.quilting import (
     ROWS,
+    Quilt,
     StripRange,
-    bands_with_margins,
+    check_options,
+    overlap_of,
+    positions,
     strip_ranges,
+)
+from processing.synthesis.seam_steps import cut_steps, part_in_middle
+from processing.synthesis.spectrum_match import (
+    CORRECTED_ROWS,
+    KERNEL,
+    bands_with_margins,
+    filtered_bands,
+    matching_kernel,
 )
 from rig import Progress, no_progress
 from rig.arrays import Float32, Int32, UInt8
@@ -172,7 +180,7 @@ class SynthesisStage:
             Step("filter", count, filter_sheet, most, CORRECTED_ROWS),
         ]
 
-    def cut_steps(self, maps: Mapping[str, MapRows]) -> CutSteps:
+    def cut_steps(self, maps: Mapping[str, MapRows]) -> SeamSteps:
         """Return the steps of `Synthesis.steps`."""
         return cut_steps(maps["sheet"], maps["labels"], wrapped=self.tileable)
 
@@ -315,7 +323,7 @@ class Synthesis:
         return f"Synthesis({self.detail!r}, {used}{', tileable' if self.tileable else ''})"
 
     @cached_property
-    def steps(self) -> CutSteps:
+    def steps(self) -> SeamSteps:
         """Mean angles between neighbouring normals, across cuts and inside patches."""
         return cut_steps(self.detail.normals, self.labels, wrapped=self.tileable)
 

@@ -12,7 +12,6 @@ from scipy.fft import fftshift, irfft2, rfft2
 from acquisition import MapRows
 from processing.maps.normal_map import NormalMap
 from processing.synthesis.exemplar import mean_angle, places_of
-from processing.synthesis.strips import bands_with_margins
 from rig.arrays import Bool, Complex64, Float32, Float64, Floating, Int64
 
 BANDS = 16
@@ -32,6 +31,8 @@ _ROUNDS, _LEAST_POWER = 16, 1e-30
 _LEAST_GAIN, _MOST_GAIN = 0.003, 1.5
 # The mean angle of a sheet is measured on every eighth row.
 _SAMPLED, _ANGLE_ERROR, _MOST_STEEPER = 8, 0.04, 1.25
+# Rows of a sheet that are corrected at once.
+CORRECTED_ROWS = 512
 # Rows and columns of a filter.
 KERNEL = (2 * _REACH + 1, 2 * _REACH + 1)
 
@@ -187,6 +188,43 @@ def filtered_bands(
         del slopes
         part /= np.sqrt(np.square(part).sum(axis=2, keepdims=True))
         yield rows, part
+
+
+def bands_with_margins(
+    sheet: MapRows, reach: int, *, wrapped: bool, begin: int = 0
+) -> Iterator[tuple[slice, Float32]]:
+    """Yield bands of rows, with the rows above and below that a correction needs.
+
+    The sheet may be replaced band by band with what is computed of them.
+
+    Parameters
+    ----------
+    sheet
+        The sheet to correct.
+    reach
+        Number of rows above and below.
+    wrapped
+        Whether the last row continues at the first; otherwise the sheet continues with its
+        reflection.
+    begin
+        The first band; if it is not 0, the sheet is not replaced.
+    """
+    height = sheet.shape[0]
+    # Copies of rows that are replaced before they are read.
+    upper, lower = sheet[: reach + 1].copy(), sheet[max(height - reach - 1, 0) : height].copy()
+    above = lower[1:] if wrapped else upper[:0:-1]
+    beyond = upper[:-1] if wrapped else lower[-2::-1]
+    if not len(above):  # a sheet of one row
+        above = beyond = upper
+    first = begin * CORRECTED_ROWS
+    if begin:
+        above = sheet[first - reach : first]
+    for top in range(first, height, CORRECTED_ROWS):
+        last = min(top + CORRECTED_ROWS, height)
+        below = np.concatenate([sheet[last : min(last + reach, height)], beyond])[:reach]
+        band = np.concatenate([above, sheet[top:last], below])
+        above = band[len(band) - 2 * reach : len(band) - reach].copy()
+        yield slice(top, last), band
 
 
 def block_side(*masks: Bool) -> int:

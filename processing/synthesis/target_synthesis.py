@@ -13,6 +13,7 @@ from scipy.ndimage import distance_transform_edt
 
 from acquisition import DataError
 from processing.curvatures.slopes import curvature
+from processing.detail.seam import SeamSteps
 from processing.maps.mask import bounding_box
 from processing.maps.normal_map import NormalMap, check_normal_map
 from processing.synthesis.exemplar import Exemplar, padded, prepare_exemplar, turns
@@ -25,7 +26,7 @@ from processing.synthesis.quilting import (
     overlap_of,
     positions,
 )
-from processing.synthesis.seam_steps import CutSteps, cut_steps
+from processing.synthesis.seam_steps import cut_steps
 from processing.synthesis.warped_kernels import place_warped
 from rig import Progress, in_threads, no_progress
 from rig.arrays import Bool, Float32, Float64, UInt8
@@ -137,7 +138,7 @@ class TargetSynthesis:
         return f"TargetSynthesis({self.detail!r}, {used})"
 
     @cached_property
-    def steps(self) -> CutSteps:
+    def steps(self) -> SeamSteps:
         """Mean angles between neighbouring normals, across cuts and inside patches."""
         return cut_steps(self.detail.normals, self.labels)
 
