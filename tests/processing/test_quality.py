@@ -15,19 +15,12 @@ from processing import NormalMap, integrate
 from processing.checks import image_quality
 from processing.surface import integrability
 from simulator import SCENES, render, scene_named
+from tests.processing.scenes import sunflower
 from tests.quick_sample import quick
 
 SIZE = 96
 COUNT = 12
 FLAT = ("plane", "tilted-plane", "white-plane", "charuco", "step-gauge")
-
-
-def dome(count: int = COUNT) -> Lights:
-    around = np.arange(count) * 2.4
-    out = np.sqrt((np.arange(count) + 0.5) / count)
-    return Lights(
-        directions=np.stack([out * np.cos(around), out * np.sin(around), 0.9 + 0 * out], 1)
-    )
 
 
 def relief(seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -53,7 +46,7 @@ def images(lights: Lights, seed: int = 0, noise: float = 0.003) -> np.ndarray:
 
 
 MASK = relief()[1]
-LIGHTS = dome()
+LIGHTS = Lights(sunflower(COUNT, 0.9))
 IMAGES = images(LIGHTS)
 
 

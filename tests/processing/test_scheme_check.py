@@ -12,17 +12,11 @@ from acquisition import Lights
 from processing.checks import SchemeCheck, image_quality
 from processing.checks.scheme_check import check_scheme, scheme_notices
 from processing.images.block_means import cells_of
+from tests.processing.scenes import dome
 from tests.quick_sample import quick
 
 SIZE = 100
 COUNT = 24
-
-
-def dome(count: int) -> Lights:
-    turn = np.arange(count) * np.pi * (3 - np.sqrt(5))
-    z = np.linspace(0.95, 0.5, count)
-    r = np.sqrt(1 - z * z)
-    return Lights(directions=np.stack([r * np.cos(turn), r * np.sin(turn), z], 1))
 
 
 def images(
@@ -48,7 +42,7 @@ def images(
     return np.where(mask, values, 0).astype(np.float32), mask
 
 
-LIGHTS = dome(COUNT)
+LIGHTS = Lights(dome(COUNT, 0.95, 0.5))
 IMAGES, MASK = images(LIGHTS)
 
 
@@ -174,7 +168,7 @@ def test_correct_recordings_are_quiet() -> None:
     """At most 2 % of the images of other objects and few lights are named."""
     named = total = 0
     for count in (6, 8, 12, 36):
-        lights = dome(count)
+        lights = Lights(dome(count, 0.95, 0.5))
         for seed in range(20, 26):
             values, mask = images(lights, seed=seed)
             named += len(check_scheme(cells_of(values, mask, None), lights).found)
