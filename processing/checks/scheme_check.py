@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -90,8 +90,7 @@ _AGREEING = 0.45
 _NORMAL_QUANTILE = 0.598
 
 
-@dataclass(frozen=True, eq=False)
-class _ImagePrediction:
+class _ImagePrediction(NamedTuple):
     """How each of N images differs from what the others predict.
 
     Parameters
@@ -112,8 +111,6 @@ class _ImagePrediction:
     sigma_deg: Float64
     left: Float64
     top: Float64
-
-    __repr__ = short_repr
 
 
 def _predict_images(fit: StrengthFit, middle: Float64) -> _ImagePrediction:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from rig import short_repr
 from rig.arrays import Bool, Float64
 
 _ROUNDS = 25
@@ -15,8 +14,7 @@ _PLAIN_ROUNDS = 8
 _UNEXPLAINED = 0.5
 
 
-@dataclass(frozen=True, eq=False)
-class Factors:
+class Factors(NamedTuple):
     """Lights and normals that explain the images, up to one linear map of both.
 
     Parameters
@@ -36,8 +34,6 @@ class Factors:
     normals: Float64
     deviation: Float64
     strengths: Float64
-
-    __repr__ = short_repr
 
 
 def factorise(samples: Float64, usable: Bool) -> Factors:

@@ -270,9 +270,7 @@ def _relief(fit: StrengthFit) -> float:
 
 
 def _scaled(lights: Lights, factors: Float64, sigmas: Float64) -> Lights:
-    if lights.intensities is None:
-        raise AssertionError("lights have intensities")
-    intensities = lights.intensities * factors[:, None]
+    intensities = np.asarray(lights.intensities) * factors[:, None]
     errors = LightErrors() if lights.errors is None else lights.errors
     return replace(
         lights,

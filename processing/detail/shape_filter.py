@@ -90,7 +90,10 @@ class ShapeFilter:
     def margin(self) -> int:
         """Number of rows above and below on which the components of a row depend."""
         own = self.passes * (len(self._kernel) - 1)
-        return own + _edge_reach(self.kind, self.w) if self.kind in ("guided", "bilateral") else own
+        # OpenCV's windows: two boxes in a row, in two passes; 1.5 sigma in three passes.
+        if self.kind == "guided":
+            return own + 4 * round(_GUIDED_REACH * self.w)
+        return own + 3 * _bilateral_reach(self.w) if self.kind == "bilateral" else own
 
     @property
     def halo(self) -> int:
@@ -240,12 +243,6 @@ def _leave_within_edges(
     guide = smooth / np.maximum(length, np.float32(1e-6))
     rest = normals - _smooth(kind, normals, mask, guide, w)
     return rest - _smooth(kind, rest, mask, guide, w) if kind == "bilateral" else rest
-
-
-def _edge_reach(kind: FilterKind, w: int) -> int:
-    """Return how many pixels `_leave_within_edges` reaches."""
-    # OpenCV's windows: two boxes in a row, in two passes; 1.5 sigma in three passes.
-    return 4 * round(_GUIDED_REACH * w) if kind == "guided" else 3 * _bilateral_reach(w)
 
 
 def _smooth(kind: EdgeAware, vectors: Float32, mask: Bool, guide: Float32, w: int) -> Float32:

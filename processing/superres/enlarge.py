@@ -79,21 +79,6 @@ def enlarged_rows(rows: slice, scale: int) -> slice:
     return slice(rows.start * scale, rows.stop * scale)
 
 
-class _Blend(NamedTuple):
-    """A blend of two results.
-
-    Parameters
-    ----------
-    normals
-        ``(H, W, 3)`` unit vectors.
-    variance
-        ``(H, W)`` mean-square error in radians squared.
-    """
-
-    normals: Float32
-    variance: Float32
-
-
 def _roughness_gate(low: Float32) -> Float32:
     """Return, per pixel of a low resolution, the weight of a network where it is reliable, 0 to 1.
 
@@ -116,7 +101,7 @@ def _roughness_gate(low: Float32) -> Float32:
 
 def blend(
     smooth: Float32, sharp: Float32, square: Float32, errors: Float32, gate: Float32
-) -> _Blend:
+) -> tuple[Float32, Float32]:
     """Blend an interpolation and the result of a network.
 
     The weight of the network is 1, less where it expects to be worse than bicubic interpolation
@@ -134,13 +119,18 @@ def blend(
         ``(H, W, 2)`` mean-square errors of the network's result and of bicubic interpolation.
     gate
         ``(H, W)`` largest weight, 0 to 1.
+
+    Returns
+    -------
+    normals, variance
+        ``(H, W, 3)`` unit vectors, and ``(H, W)`` mean-square errors in radians squared.
     """
     ours, theirs = errors[..., 0], errors[..., 1]
     weight = np.minimum(1, theirs / np.maximum(ours, _LEAST)) * gate
     variance = (1 - weight) * theirs + weight * ours - weight * (1 - weight) * square
     floor = _LEAST_SHARE * np.minimum(theirs, ours)
     normals = units(smooth + weight[..., None] * (sharp - smooth))
-    return _Blend(normals, np.asarray(np.maximum(variance, floor), np.float32))
+    return normals, np.asarray(np.maximum(variance, floor), np.float32)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from acquisition import DataError
 from processing.maps.mask import bounding_box
 from processing.maps.normal_map import NormalMap, check_normal_map
 from processing.synthesis.seam_steps import MOST, part_in_middle
-from processing.synthesis.spectrum_match import band_power, block_side
+from processing.synthesis.spectrum_match import BANDS, band_powers, block_side
 from rig.arrays import Float32
 
 # Lags at which fewer pixel pairs of the mask overlap than this share are not judged.
@@ -166,7 +166,7 @@ def _spectrum_distance(a: NormalMap, b: NormalMap) -> float:
     block = block_side(a.mask, b.mask)
     if not block:
         return math.nan
-    powers = [np.maximum(band_power(part, block), 1e-30) for part in (a, b)]
+    powers = [np.maximum(band_powers(part, block, BANDS).mean(axis=0), 1e-30) for part in (a, b)]
     return float(np.mean(np.abs(np.log(powers[0] / powers[1]))))
 
 

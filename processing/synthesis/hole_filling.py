@@ -222,17 +222,11 @@ def _harmonic_normals(normals: Float32, known: Bool, holes: Bool) -> Float32:
     """
     rows, columns = (slice(max(part.start - 1, 0), part.stop + 1) for part in bounding_box(holes))
     box = rows, columns
-    continued = normals.copy()
-    continued[box] = _solved(normals[box], known[box], holes[box])
-    return continued
-
-
-def _solved(normals: Float32, known: Bool, holes: Bool) -> Float32:
-    inside, given = np.pad(holes, 1), np.pad(known, 1)
+    inside, given = np.pad(holes[box], 1), np.pad(known[box], 1)
     right, down = np.zeros(inside.shape, np.float32), np.zeros(inside.shape, np.float32)
     right[:, :-1] = inside[:, :-1] & inside[:, 1:]
     down[:-1] = inside[:-1] & inside[1:]
-    fixed = np.pad(np.where(known[..., None], normals, 0), ((1, 1), (1, 1), (0, 0)))
+    fixed = np.pad(np.where(known[box][..., None], normals[box], 0), ((1, 1), (1, 1), (0, 0)))
     anchors, sums = np.zeros(inside.shape, np.float32), np.zeros((*inside.shape, 2))
     for axis, step in ((0, 1), (0, -1), (1, 1), (1, -1)):
         anchors += np.roll(given, step, axis) & inside
@@ -246,4 +240,6 @@ def _solved(normals: Float32, known: Bool, holes: Bool) -> Float32:
     z = np.sqrt(np.maximum(1 - x**2 - y**2, 0))
     vectors = np.dstack([x, y, z])
     vectors /= np.maximum(np.linalg.norm(vectors, axis=2, keepdims=True), 1e-30)
-    return np.where(holes[..., None], vectors, normals).astype(np.float32)
+    continued = normals.copy()
+    continued[holes] = vectors[holes[box]]
+    return continued

@@ -63,7 +63,7 @@ def matching_kernel(sheet: MapRows, exemplar: NormalMap) -> Float32 | None:
     if not block or min(height, width) < _LEAST_SIDE:
         return None
     # Bands as narrow as the frequencies of a block.
-    powers = np.maximum(_band_powers(exemplar, block, block // 2), _LEAST_POWER)
+    powers = np.maximum(band_powers(exemplar, block, block // 2), _LEAST_POWER)
     wanted, spread = powers.mean(axis=0), powers.std(axis=0) / powers.mean(axis=0)
     has, waves, upright = _measured(sheet, block)
     sampled = [mean_angle(sheet[row : row + 1]) for row in range(0, sheet.shape[0], _SAMPLED)]
@@ -238,18 +238,7 @@ def _blocks(mask: Bool, block: int) -> Int64:
     return np.argwhere(places_of(mask, block)[::step, ::step]) * step
 
 
-def band_power(part: NormalMap, block: int) -> Float64:
-    """Return the mean power ``(bands,)`` of n_x and n_y in 16 radial bands of frequency.
-
-    Parameters
-    ----------
-    part, block
-        As for `_band_powers`.
-    """
-    return np.asarray(_band_powers(part, block, BANDS).mean(axis=0))
-
-
-def _band_powers(part: NormalMap, block: int, bands: int) -> Float64:
+def band_powers(part: NormalMap, block: int, bands: int) -> Float64:
     """Return the power of n_x and n_y in radial bands of frequency, for blocks all over a map.
 
     Parameters

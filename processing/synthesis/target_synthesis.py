@@ -245,7 +245,15 @@ def synthesize_onto(
         turned = _curvature_direction_deg(part, patch)
     elif direction_deg is not None:
         turned = _checked_map("direction map", direction_deg, shape.mask)[window]
-    sizes = None if scale is None else _checked_scale(scale, shape.mask)[window]
+    sizes = None
+    if scale is not None:
+        sizes = _checked_map("scale map", scale, shape.mask)[window]
+        least, most = float(sizes.min()), float(sizes.max())
+        if least < _LEAST_SCALE or most > _MOST_SCALE:
+            raise DataError(
+                f"the scale map has values from {least:.3g} to {most:.3g}: use {_LEAST_SCALE:g} to "
+                f"{_MOST_SCALE:g}"
+            )
     field = _pattern_field(part, image_space=image_space, direction_deg=turned, scale=sizes)
     made = prepare_exemplar(exemplar, patch, rotate=rotate, mirror=mirror)
     places, aim = _places(made), np.zeros((0, 0), np.float32)
@@ -351,23 +359,6 @@ def _checked_map(name: str, values: npt.ArrayLike, mask: Bool) -> Float32:
         raise DataError(f"the {name} has no number at {missing} pixels inside the mask")
     y, x = distance_transform_edt(~mask, return_distances=False, return_indices=True)
     return np.asarray(array.astype(np.float32)[y, x])
-
-
-def _checked_scale(values: npt.ArrayLike, mask: Bool) -> Float32:
-    """Return a map of scales.
-
-    Raises
-    ------
-    DataError
-        Also if a scale is out of range.
-    """
-    scale = _checked_map("scale map", values, mask)
-    if scale.min() < _LEAST_SCALE or scale.max() > _MOST_SCALE:
-        raise DataError(
-            f"the scale map has values from {scale.min():.3g} to {scale.max():.3g}: use "
-            f"{_LEAST_SCALE:g} to {_MOST_SCALE:g}"
-        )
-    return scale
 
 
 def _guide_pair(
