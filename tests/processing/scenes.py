@@ -57,7 +57,7 @@ def noise(side: int = 64, seed: int = 2) -> NormalMap:
 def real_map(folder: str) -> NormalMap:
     """Return a normal map of the paper."""
     path = Path(os.environ["SGP_DATA"]) / "normals" / folder
-    image = cv2.imread(str(path / "normal_map.png"), cv2.IMREAD_UNCHANGED)
-    mask = cv2.imread(str(path / "mask.png"), cv2.IMREAD_GRAYSCALE) > 127
+    image = np.asarray(cv2.imread(str(path / "normal_map.png"), cv2.IMREAD_UNCHANGED))
+    mask = np.asarray(cv2.imread(str(path / "mask.png"), cv2.IMREAD_GRAYSCALE)) > 127
     full = np.iinfo(image.dtype).max
     return NormalMap.from_vectors(image[..., 2::-1].astype(np.float64) / full * 2 - 1, mask)
