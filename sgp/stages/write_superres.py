@@ -42,8 +42,7 @@ def write_superres_maps(out: Path, made: processing.SuperResolution) -> dict[str
 def measure_superres(made: processing.SuperResolution, result: Result) -> None:
     """Add the figures and the summary."""
     height, width = made.mask.shape
-    sigma = made.median_sigma_deg
-    model = made.stage.model
+    sigma, model = made.median_sigma_deg, made.stage.model
     metrics: SuperresMetrics = {
         "width": width,
         "height": height,
@@ -54,11 +53,7 @@ def measure_superres(made: processing.SuperResolution, result: Result) -> None:
         "model_sha256": None if model is None else model.sha256,
     }
     result.metrics = metrics
-    by = (
-        "bicubic interpolation"
-        if made.stage.model is None
-        else f"{made.stage.model.name} ({made.stage.method})"
-    )
+    by = "bicubic interpolation" if model is None else f"{model.name} ({model.domain})"
     result.summary = [f"{width} x {height} pixels, {metrics['pixels']} on the object, by {by}"]
     if model is not None:
         result.summary += [
