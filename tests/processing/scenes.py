@@ -34,6 +34,18 @@ def half_ball(size: int, rim: float = 0.95) -> tuple[Float64, Bool]:
     return np.dstack([x, y, z]), np.hypot(x, y) < rim
 
 
+def bumpy_dome(waves: Float64, amount: float, steepness: float = 1.0) -> tuple[Float64, Bool]:
+    """Return normals of a dome with waves of a square frame on it, and its mask."""
+    size = len(waves)
+    rows, columns = np.indices(waves.shape)
+    middle, radius = (size - 1) / 2, size / 2 - 4
+    x, y = (columns - middle) / radius, (middle - rows) / radius
+    height = 0.4 * np.sqrt(np.clip(1.2 - x**2 - y**2, 0, 1)) + amount * waves / waves.std()
+    down, right = np.gradient(steepness * height, 1 / radius)
+    normals = np.dstack([-right, down, np.ones_like(height)])
+    return normals / np.linalg.norm(normals, axis=2, keepdims=True), x**2 + y**2 < 1
+
+
 def ball(size: int = 120) -> NormalMap:
     """Return a ball, of which the middle is in the mask."""
     y, x = np.mgrid[1 : -1 : size * 1j, -1 : 1 : size * 1j]

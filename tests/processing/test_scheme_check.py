@@ -12,7 +12,7 @@ from acquisition import Lights
 from processing.checks import SchemeCheck, image_quality
 from processing.checks.scheme_check import check_scheme, scheme_notices
 from processing.images.block_means import cells_of
-from tests.processing.scenes import dome
+from tests.processing.scenes import bumpy_dome, dome
 from tests.quick_sample import quick
 
 SIZE = 100
@@ -24,14 +24,8 @@ def images(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return images of a bumpy dome with texture, gloss and noise, and its mask."""
     rng = np.random.default_rng(seed)
-    rows, columns = np.mgrid[:SIZE, :SIZE]
-    x, y = (columns - 49.5) / 46, (49.5 - rows) / 46
-    mask = x**2 + y**2 < 1
-    waves = gaussian_filter(rng.normal(size=mask.shape), 5)
-    height = 0.4 * np.sqrt(np.clip(1.2 - x**2 - y**2, 0, 1)) + 0.05 * waves / waves.std()
-    down, right = np.gradient(bumps * height, 1 / 46)
-    normals = np.dstack([-right, down, np.ones_like(height)])
-    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    waves = gaussian_filter(rng.normal(size=(SIZE, SIZE)), 5)
+    normals, mask = bumpy_dome(waves, 0.05, bumps)
     albedo = np.exp(3 * gaussian_filter(rng.normal(size=mask.shape), 4))
     cosine = np.clip(np.einsum("hwc,nc->nhw", normals, lights.unit_directions), 0, None)
     half = lights.unit_directions + np.array([0, 0, 1])
