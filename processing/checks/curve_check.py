@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from acquisition import LINEAR, SRGB, Lights, Source, TransferCurve
+from processing.checks.strength_fit import light_vectors
 from rig import Notice
-from rig.arrays import Bool, Float32, Float64, Intp
+from rig.arrays import Bool, Float32, Float64
 
 _PIXELS = 3000
 _FEWEST_PIXELS = 200
@@ -56,7 +57,7 @@ def curve_warnings(
     pixels = pixels[:: -(-len(pixels) // _PIXELS)]
     strength = _strength(source, lights)
     light = values.reshape(len(values), -1)[:, pixels].T * strength
-    vectors = _vectors(lights, points_mm, pixels) * strength[:, None]
+    vectors = light_vectors(lights, points_mm, pixels) * strength[:, None]
     other = SRGB if source.transfer == LINEAR else LINEAR
     residuals = _residuals(light, vectors, source.transfer, other)
     if residuals is None:
@@ -84,17 +85,7 @@ def _strength(source: Source, lights: Lights) -> Float64:
     }
     longest = max(exposures.values()) or 1.0
     relative = np.array([(exposures[name] or longest) / longest for name in lights.ids])
-    if lights.intensities is None:
-        return relative
     return np.asarray(relative * np.asarray(lights.intensities, np.float64).mean(axis=1))
-
-
-def _vectors(lights: Lights, points_mm: Float64 | None, pixels: Intp) -> Float64:
-    """Return the light vectors ``(P, N, 3)``, or ``(1, N, 3)`` for distant lights."""
-    if not lights.near or points_mm is None:
-        return lights.unit_directions[None]
-    at = lights.vectors_at(np.asarray(points_mm).reshape(-1, 3)[pixels])
-    return np.ascontiguousarray(at.transpose(1, 0, 2))
 
 
 def _residuals(

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from acquisition import Lights
-from calibration import EstimateError
+from processing.checks.self_calibration import robust_solution
 from processing.images.block_means import Cells
 from processing.stereo.normals_and_albedo import photometric_stereo
 from rig.arrays import Bool, Float64, Intp
@@ -121,16 +121,9 @@ class PredictedCells:
         down, right = np.gradient(self._predicted[i])
         slopes = -np.stack([right[inside], down[inside]], axis=1)
         left = self._left[i][inside]
-        weight = np.ones(len(left))
-        shift = np.zeros(2)
-        after = left
-        for _ in range(_STEPS):
-            rows = weight[:, None] * slopes
-            shift = np.linalg.lstsq(rows.T @ slopes, rows.T @ left, rcond=None)[0]
-            after = left - slopes @ shift
-            scale = max(2 * float(np.median(np.abs(after))), 1e-6)
-            weight = 1 / (1 + (after / scale) ** 2)
-        return shift, float(np.median(np.abs(left))), float(np.median(np.abs(after)))
+        shift, *_ = robust_solution(slopes, left, _STEPS, 2)
+        before, after = (float(np.median(np.abs(x))) for x in (left, left - slopes @ shift))
+        return shift, before, after
 
 
 def _block(foreign: Bool, quiet: Bool, rows: Intp) -> tuple[int, int] | None:
@@ -149,11 +142,3 @@ def _block(foreign: Bool, quiet: Bool, rows: Intp) -> tuple[int, int] | None:
         return None
     ends = [bool(quiet[side[at]]) for side, at in ((above, -1), (below, 0)) if len(side)]
     return (first, last) if ends and all(ends) else None
-
-
-def predicted_cells(cells: Cells, lights: Lights, strengths: Float64) -> PredictedCells | None:
-    """Return the prediction; None if the images have no normals."""
-    try:
-        return PredictedCells(cells, lights, strengths)
-    except EstimateError:
-        return None

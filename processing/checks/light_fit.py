@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
 from acquisition import Lights
 from processing.checks.self_calibration import solve
 from processing.images.block_means import Cells, Samples, samples_of
-from rig import pluralize, short_repr
+from rig import pluralize
 from rig.arrays import Bool, Float64, Intp
 
 _FEWEST_IMAGES = 6
@@ -25,8 +26,7 @@ _BETTER = 0.5
 _WORST = 6
 
 
-@dataclass(frozen=True, eq=False)
-class Fit:
+class Fit(NamedTuple):
     """Residuals of a matte surface under given lights, relative to the signal.
 
     Parameters
@@ -40,11 +40,8 @@ class Fit:
     residual: float
     per_image: Float64
 
-    __repr__ = short_repr
 
-
-@dataclass(frozen=True, eq=False)
-class Remedy:
+class Remedy(NamedTuple):
     """A change of the lights that makes them fit the images much better.
 
     Parameters
@@ -60,8 +57,6 @@ class Remedy:
     name: str
     images: tuple[int, ...]
     residual: float
-
-    __repr__ = short_repr
 
 
 def fit(samples: Samples) -> Fit:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -154,8 +155,7 @@ def _left(values: Float64, usable: Bool, normals: Float64) -> float:
     return typical / max(float(np.median(values[usable])), 1e-12)
 
 
-@dataclass(frozen=True, eq=False)
-class _LightCheck:
+class _LightCheck(NamedTuple):
     """What the images show about their lights.
 
     Parameters
@@ -177,8 +177,6 @@ class _LightCheck:
     gain: Float64
     factors: Factors | None = None
     shuffled: Notice | None = None
-
-    __repr__ = short_repr
 
 
 def _check_lights(samples: Samples, residual: float) -> _LightCheck:
@@ -339,7 +337,10 @@ def quality_of(
     samples = samples_of(cells, lights)
     found = fit(samples)
     check = _check_lights(samples, found.residual)
-    shape = _integrability(cells, lights)
+    normals = photometric_stereo(
+        cells.values, lights, cells.mask, method="cauchy", points_mm=cells.points_mm
+    ).normal_map
+    shape = integrability(normals.normals, normals.mask)
     scheme = check_scheme(cells, lights)
     turned: dict[int, str] = {}
     if check.factors is not None:
@@ -378,21 +379,15 @@ def _likely(
         return (_remedy_warning(change, found, lights.ids),)
     if check.shuffled is not None:
         return (check.shuffled,)
-    singles = _of_images(turned, scheme, lights.ids)
+    others = tuple(one for one in scheme.found if one.image not in turned)
+    singles = scheme_notices(replace(scheme, found=others), lights.ids)
+    if turned:
+        singles.insert(0, _turned_notice(turned, lights.ids))
     if singles:
-        return singles
+        return tuple(singles)
     if change is not None:
         return (_remedy_warning(change, found, lights.ids),)
     return _axes_warning(shape)
-
-
-def _of_images(
-    turned: dict[int, str], scheme: SchemeCheck, ids: tuple[str, ...]
-) -> tuple[Notice, ...]:
-    """Return the warnings about single images."""
-    others = tuple(one for one in scheme.found if one.image not in turned)
-    notices = scheme_notices(replace(scheme, found=others), ids)
-    return (_turned_notice(turned, ids), *notices) if turned else tuple(notices)
 
 
 def _remedy_warning(change: Remedy, found: Fit, ids: tuple[str, ...]) -> Notice:
@@ -417,13 +412,6 @@ def _remedy_warning(change: Remedy, found: Fit, ids: tuple[str, ...]) -> Notice:
         f"lights by {before}, and by {after} {change.name}"
     )
     return Notice("lights-shuffled", text)
-
-
-def _integrability(cells: Cells, lights: Lights) -> Integrability:
-    solved = photometric_stereo(
-        cells.values, lights, cells.mask, method="cauchy", points_mm=cells.points_mm
-    )
-    return integrability(solved.normal_map.normals, solved.normal_map.mask)
 
 
 def _axes_warning(shape: Integrability) -> tuple[Notice, ...]:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from acquisition import Lights
-from processing.checks.frame_faults import predicted_cells
-from processing.checks.self_calibration import align, angles_deg, explained
+from calibration import EstimateError
+from processing.checks.frame_faults import PredictedCells
+from processing.checks.self_calibration import align, angles_deg, explained, robust_solution
 from processing.checks.strength_fit import (
     StrengthFit,
     fit_strengths,
@@ -23,23 +24,15 @@ from rig import Notice, pluralize, short_repr
 from rig.arrays import Bool, Float64
 
 Kind = Literal["brightness", "moved", "swapped", "clipped", "striped", "shifted", "foreign"]
-_CODES: dict[Kind, str] = {
-    "swapped": "images-swapped",
-    "moved": "light-moved",
-    "brightness": "light-brightness",
-    "clipped": "image-clipped",
-    "striped": "image-striped",
-    "shifted": "image-shifted",
-    "foreign": "image-disagrees",
-}
-_REMEDIES: dict[Kind, str] = {
-    "swapped": "check the order of images and lights",
-    "moved": "did a lamp move, or is the image turned?",
-    "brightness": "check intensities and exposure times",
-    "clipped": "check the exposure and the white level",
-    "striped": "record the image again",
-    "shifted": "the object or the camera moved: record the image again",
-    "foreign": "it may show another moment, other exposure, or stray light",
+# The code of the notice, and what to do.
+_NOTICES: dict[Kind, tuple[str, str]] = {
+    "swapped": ("images-swapped", "check the order of images and lights"),
+    "moved": ("light-moved", "did a lamp move, or is the image turned?"),
+    "brightness": ("light-brightness", "check intensities and exposure times"),
+    "clipped": ("image-clipped", "check the exposure and the white level"),
+    "striped": ("image-striped", "record the image again"),
+    "shifted": ("image-shifted", "the object or the camera moved: record the image again"),
+    "foreign": ("image-disagrees", "it may show another moment, other exposure, or stray light"),
 }
 
 # Samples below this share of the brightest of their pixel may be in shadow.
@@ -97,8 +90,7 @@ _AGREEING = 0.45
 _NORMAL_QUANTILE = 0.598
 
 
-@dataclass(frozen=True, eq=False)
-class _ImagePrediction:
+class _ImagePrediction(NamedTuple):
     """How each of N images differs from what the others predict.
 
     Parameters
@@ -119,8 +111,6 @@ class _ImagePrediction:
     sigma_deg: Float64
     left: Float64
     top: Float64
-
-    __repr__ = short_repr
 
 
 def _predict_images(fit: StrengthFit, middle: Float64) -> _ImagePrediction:
@@ -174,14 +164,9 @@ def _top(expected: Float64, seen: Float64) -> float:
 
 def _light(slopes: Float64, target: Float64, seen: Float64) -> tuple[Float64, float, float]:
     """Return the light that explains most samples, the sd of its direction, and the deviation."""
-    weight = np.ones(len(target))
-    for _ in range(_STEPS):
-        rows = weight[:, None] * slopes
-        light = np.asarray(np.linalg.lstsq(rows.T @ slopes, rows.T @ target, rcond=None)[0])
-        deviation = np.abs(target - slopes @ light)
-        scale = max(_HALF_WEIGHT * float(np.median(deviation)), 1e-6)
-        weight = 1 / (1 + (deviation / scale) ** 2)
-    relief = np.sqrt(np.maximum(np.linalg.eigvalsh(rows.T @ slopes / weight.sum()), 0))
+    light, weight, products = robust_solution(slopes, target, _STEPS, _HALF_WEIGHT)
+    deviation = np.abs(target - slopes @ light)
+    relief = np.sqrt(np.maximum(np.linalg.eigvalsh(products / weight.sum()), 0))
     sigma = np.inf
     if relief[0] > _LEAST_RELIEF * relief[2]:
         error = _MAD_TO_SIGMA * float(np.median(deviation))
@@ -262,7 +247,7 @@ def check_scheme(cells: Cells, lights: Lights) -> SchemeCheck:
     if count < _FEWEST_IMAGES or len(places) < _FEWEST_PIXELS:
         return SchemeCheck((), False, False)
     some = places[:: max(1, -(-len(places) // _PIXELS))]
-    vectors = light_vectors(cells, lights, some)
+    vectors = light_vectors(lights, cells.points_mm, some)
     values = cells.values.reshape(count, -1)[:, some].T.astype(np.float64)
     fit = fit_strengths(values, vectors, prior_sd=_PRIOR_SD)
     if fit is None or len(fit.kept) < _FEWEST_PIXELS:
@@ -280,9 +265,10 @@ def check_scheme(cells: Cells, lights: Lights) -> SchemeCheck:
 
 
 def _frame_faults(cells: Cells, lights: Lights, strengths: Float64) -> list[Disagreement]:
-    predicted = predicted_cells(cells, lights, strengths)
     found: list[Disagreement] = []
-    if predicted is None:
+    try:
+        predicted = PredictedCells(cells, lights, strengths)
+    except EstimateError:
         return found
     for i, rows in enumerate(predicted.stripes()):
         if rows is not None:
@@ -414,15 +400,15 @@ def scheme_notices(check: SchemeCheck, ids: Sequence[str]) -> list[Notice]:
         )
         return [Notice("images-undecided", text)]
     notices = []
-    for kind in _CODES:
+    for kind, (code, remedy) in _NOTICES.items():
         rows = [one for one in check.found if one.kind == kind]
         if not rows:
             continue
         names = ", ".join(f"{ids[one.image]} ({one.text})" for one in rows[:_LISTED])
         more = f" and {len(rows) - _LISTED} more" if len(rows) > _LISTED else ""
         noun = pluralize(len(rows), "image does", "images do")
-        text = f"{noun} not agree with the others: {names}{more}; {_REMEDIES[kind]}"
-        notices.append(Notice(_CODES[kind], text, ", ".join(ids[one.image] for one in rows)))
+        text = f"{noun} not agree with the others: {names}{more}; {remedy}"
+        notices.append(Notice(code, text, ", ".join(ids[one.image] for one in rows)))
     return notices
 
 

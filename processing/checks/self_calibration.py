@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from rig import short_repr
 from rig.arrays import Bool, Float64
 
 _ROUNDS = 25
@@ -15,8 +14,7 @@ _PLAIN_ROUNDS = 8
 _UNEXPLAINED = 0.5
 
 
-@dataclass(frozen=True, eq=False)
-class Factors:
+class Factors(NamedTuple):
     """Lights and normals that explain the images, up to one linear map of both.
 
     Parameters
@@ -36,8 +34,6 @@ class Factors:
     normals: Float64
     deviation: Float64
     strengths: Float64
-
-    __repr__ = short_repr
 
 
 def factorise(samples: Float64, usable: Bool) -> Factors:
@@ -85,6 +81,24 @@ def solve(weight: Float64, samples: Float64, factors: Float64) -> Float64:
     target = (weight * samples) @ factors
     ridge = 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] + 1e-12
     return np.asarray(np.linalg.solve(normal + ridge * np.eye(3), target[..., None])[..., 0])
+
+
+def robust_solution(
+    slopes: Float64, target: Float64, steps: int, half_weight: float
+) -> tuple[Float64, Float64, Float64]:
+    """Return the x of ``target = slopes @ x`` that explains most rows, by reweighted least squares.
+
+    A residual of ``half_weight`` times the median has half of the weight. Returned are also the
+    last weights, and the weighted products of the slopes from which the solution follows.
+    """
+    weight = np.ones(len(target))
+    for _ in range(steps):
+        rows = weight[:, None] * slopes
+        products = rows.T @ slopes
+        found = np.asarray(np.linalg.lstsq(products, rows.T @ target, rcond=None)[0])
+        deviation = np.abs(target - slopes @ found)
+        weight = 1 / (1 + (deviation / max(half_weight * float(np.median(deviation)), 1e-6)) ** 2)
+    return found, weight, products
 
 
 def align(found: Float64, given: Float64) -> Float64:

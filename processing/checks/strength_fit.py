@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from acquisition import Lights
-from processing.images.block_means import Cells
 from rig import short_repr
 from rig.arrays import Bool, Float64, Intp
 
@@ -86,11 +85,11 @@ class StrengthFit:
         return np.asarray(inverse @ (scores.T @ scores) @ inverse)
 
 
-def light_vectors(cells: Cells, lights: Lights, places: Intp) -> Float64:
-    """Return the light vectors ``(P, N, 3)`` of some cells, ``(1, N, 3)`` of distant lights."""
-    if not lights.near or cells.points_mm is None:
+def light_vectors(lights: Lights, points_mm: Float64 | None, places: Intp) -> Float64:
+    """Return the light vectors ``(P, N, 3)`` at some pixels, ``(1, N, 3)`` of distant lights."""
+    if not lights.near or points_mm is None:
         return lights.unit_directions[None]
-    points = cells.points_mm.reshape(-1, 3)[places]
+    points = np.asarray(points_mm).reshape(-1, 3)[places]
     return np.ascontiguousarray(lights.vectors_at(points).transpose(1, 0, 2))
 
 

@@ -18,6 +18,7 @@ from processing.checks.strength_fit import (
 from processing.images.block_means import cells_of
 from processing.noise.normal_errors import STRUCTURED
 from processing.noise.reference_solver import correlation_of_neighbours
+from processing.stereo.light_model import check_one_light_each
 from rig import Notice, check_type, pluralize, short_repr
 from rig.arrays import Bool, Float32, Float64, Intp
 
@@ -165,7 +166,7 @@ def light_strengths(
     some = places[:: max(1, -(-len(places) // _PIXELS))]
     fit = None
     if len(some):
-        vectors = light_vectors(cells, lights, some)
+        vectors = light_vectors(lights, cells.points_mm, some)
         _check_planes(vectors.mean(axis=0), lights.ids)
         seen = cells.values.reshape(len(lights), -1)[:, some].T.astype(np.float64)
         fit = fit_strengths(seen, vectors)
@@ -181,7 +182,11 @@ def light_strengths(
         )
     sigmas = _sigmas(fit, some[fit.kept], cells.mask.shape)
     if not np.max(sigmas) < _UNKNOWN:
-        raise EstimateError(_why_unknown(lights.ids, sigmas))
+        worst = int(np.argmax(sigmas))
+        raise EstimateError(
+            f"the images do not determine the strength of {lights.ids[worst]} (standard deviation "
+            f"{min(sigmas[worst], 9.99):.0%}): use more lights, or an object with more relief"
+        )
     factors = np.exp(fit.logarithms - fit.logarithms.mean())
     uncertain = np.flatnonzero(sigmas > _UNCERTAIN)
     warnings = []
@@ -215,11 +220,7 @@ def _check(
             f"images of shape {values.shape} do not fit a mask of shape {mask.shape}: they must be "
             "(N, H, W)"
         )
-    if len(values) != len(lights):
-        raise DataError(
-            f"{pluralize(len(values), 'image')} for {pluralize(len(lights), 'light')}: give one "
-            "light for each image"
-        )
+    check_one_light_each(len(values), lights)
     if not mask.any():
         raise DataError("the mask is empty: there is no pixel to compute")
     if lights.near and points_mm is None:
@@ -268,18 +269,8 @@ def _relief(fit: StrengthFit) -> float:
     return float(np.sqrt(np.maximum(np.linalg.eigvalsh(left)[1], 0)))
 
 
-def _why_unknown(ids: tuple[str, ...], sigmas: Float64) -> str:
-    worst = int(np.argmax(sigmas))
-    return (
-        f"the images do not determine the strength of {ids[worst]} (standard deviation "
-        f"{min(sigmas[worst], 9.99):.0%}): use more lights, or an object with more relief"
-    )
-
-
 def _scaled(lights: Lights, factors: Float64, sigmas: Float64) -> Lights:
-    if lights.intensities is None:
-        raise AssertionError("lights have intensities")
-    intensities = lights.intensities * factors[:, None]
+    intensities = np.asarray(lights.intensities) * factors[:, None]
     errors = LightErrors() if lights.errors is None else lights.errors
     return replace(
         lights,

@@ -1,7 +1,9 @@
 from .choices import FilterKind as FilterKind
 from .choices import Tile as Tile
 from .detail_transfer import TransferFidelity as TransferFidelity
+from .detail_transfer import TransferFigures as TransferFigures
 from .detail_transfer import TransferResult as TransferResult
+from .detail_transfer import TransferStage as TransferStage
 from .detail_transfer import transfer as transfer
 from .local_transfer import LocalTransferResult as LocalTransferResult
 from .local_transfer import Pose as Pose
@@ -24,5 +26,3 @@ from .separation import separate_rows as separate_rows
 from .shape_filter import ShapeFilter as ShapeFilter
 from .shape_similarity import RotationSimilarity as RotationSimilarity
 from .shape_similarity import rotation_similarity as rotation_similarity
-from .transfer_stage import TransferFigures as TransferFigures
-from .transfer_stage import TransferStage as TransferStage

@@ -11,12 +11,12 @@ import numba
 import numpy as np
 
 from acquisition import DataError
-from processing.detail.detail_transfer import TransferFidelity, fidelity_of
+from processing.detail.detail_transfer import TransferFidelity, fidelity_of, scale_slopes
 from processing.detail.rotation import rotate_from_z
 from processing.detail.seam import SeamSteps, blend_detail, seam_steps
 from processing.detail.separation import separate
 from processing.detail.shape_filter import ShapeFilter
-from processing.detail.transfer_stage import scale_slopes
+from processing.maps.mask import bounding_box
 from processing.maps.normal_map import NormalMap, check_normal_map
 from rig import Progress, in_threads, no_progress, pluralize
 from rig.arrays import Bool, Float32, Float64
@@ -233,7 +233,7 @@ class LocalTransferResult:
     @cached_property
     def fidelity_paper(self) -> TransferFidelity:
         """The same errors with the paper's filter (a Gaussian of order 1)."""
-        paper = ShapeFilter("gaussian", 1, self.shape_filter.w)
+        paper = self.shape_filter.paper
         return fidelity_of(self.normal_map, self.target, self._placed_detail, paper)
 
     @cached_property
@@ -369,8 +369,8 @@ def _checked(mask: Bool | None, normal_map: NormalMap, name: str) -> Bool:
 
 def _middle(mask: Bool) -> tuple[int, int]:
     """Return the (column, row) of the centre of a mask's bounding box."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    return int(columns[0] + columns[-1]) // 2, int(rows[0] + rows[-1]) // 2
+    rows, columns = bounding_box(mask)
+    return (columns.start + columns.stop - 1) // 2, (rows.start + rows.stop - 1) // 2
 
 
 def _cut(normal_map: NormalMap, region: Bool) -> NormalMap:

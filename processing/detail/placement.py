@@ -11,6 +11,7 @@ from acquisition import DataError, MapRows
 from acquisition.files import ComputedRows, MapToFill
 from processing.detail.choices import TILES, Tile
 from processing.detail.minimum_cuts import taken_pixels
+from processing.maps.mask import bounding_box
 from processing.maps.normal_map import NormalMap
 from rig.arrays import Bool, Float32, Int32
 
@@ -152,14 +153,13 @@ class Cover:
         if tile not in TILES:
             raise DataError(f"unknown way of tiling {tile!r}: use {', '.join(TILES)}")
         x, y, width, height = largest_rectangle(source_mask)
-        rows, columns = (np.flatnonzero(target_mask.any(axis=axis)) for axis in (1, 0))
-        first_row, first_column = int(rows[0]), int(columns[0])
-        need = int(rows[-1]) + 1 - first_row, int(columns[-1]) + 1 - first_column
+        rows, columns = bounding_box(target_mask)
+        need = rows.stop - rows.start, columns.stop - columns.start
         overlap = min(width, height) // 3 if tile == "cut" else 0
         overlap = overlap if overlap > 1 else 0
         x, width, across, over = _along(x, width, need[1], overlap)
         y, height, down, under = _along(y, height, need[0], overlap)
-        window, at = (x, y, width, height), (first_column, first_row)
+        window, at = (x, y, width, height), (columns.start, rows.start)
         return cls(window, at, need, (across, down), (over, under))
 
     @property

@@ -9,13 +9,12 @@ import cv2
 import numba
 import numpy as np
 
+from processing.maps.mask import bounding_box
 from processing.maps.metrics import angle_deg
 from processing.maps.normal_map import NormalMap
 from rig.arrays import Bool, Float32, Float64, Int32
 
 _CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
-# Rows whose steps are measured at once.
-_AT_ONCE = 256
 # Slices that enumerate each pair of neighbours once: (left, right) and (upper, lower).
 _NEIGHBOURS = (
     ((slice(None), slice(None, -1)), (slice(None), slice(1, None))),
@@ -83,9 +82,10 @@ class SeamSteps:
     ----------
     seam_deg
         Step across the seam: the larger of the mean steps into and out of the outermost pixels of
-        the part. For tiles: the mean step of the detail across their borders.
+        the part. For tiles and patches: the mean step of the detail across their borders.
     interior_deg
-        Step between neighbours inside the part, without its outermost pixels; inside tiles.
+        Step between neighbours inside the part, without its outermost pixels; inside tiles and
+        patches.
     """
 
     seam_deg: float
@@ -117,33 +117,15 @@ def seam_steps(result: NormalMap, region: Bool) -> SeamSteps:
     return SeamSteps(float(np.fmax(outwards, inwards)), inner)
 
 
-def border_steps(detail: NormalMap, labels: Int32) -> SeamSteps:
-    """Measure the mean angle between neighbouring normals of different copies and of the same.
-
-    Parameters
-    ----------
-    detail
-        The placed detail.
-    labels
-        ``(H, W)`` int32: number of the copy at each pixel; pixels below 0 are not measured.
-    """
-    height = len(labels)
-    sums = []
-    for top in range(0, height, _AT_ONCE):
-        last = min(top + _AT_ONCE, height)
-        rows = slice(top, min(last + 1, height))
-        found = border_sums(detail.normals[rows], detail.mask[rows], labels[rows])
-        sums.append(found[: last - top])
-    return steps_of_sums(np.concatenate(sums))
-
-
 def border_sums(normals: Float32, known: Bool, labels: Int32) -> Float64:
     """Return the sums that `steps_of_sums` needs for rows of a placed detail.
 
     Parameters
     ----------
-    normals, known, labels
-        ``(n, W, 3)``, ``(n, W)`` and ``(n, W)``, as for `border_steps`.
+    normals, known
+        ``(n, W, 3)`` and ``(n, W)``, the detail.
+    labels
+        ``(n, W)`` number of the copy at each pixel; pixels below 0 are not measured.
 
     Returns
     -------
@@ -195,8 +177,7 @@ def _membrane(step: Float64, seam: Bool, region: Bool, reach_px: float) -> Float
     the optimal factor reduces an error at least by the factor exp(-1.4 / reach), so the required
     number of sweeps is known in advance.
     """
-    rows, columns = np.flatnonzero(region.any(axis=1)), np.flatnonzero(region.any(axis=0))
-    box = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
+    box = bounding_box(region)
     u = np.pad(step[box], ((1, 1), (1, 1), (0, 0)))
     linked, free = np.pad(region[box], 1), np.pad((region & ~seam)[box], 1)
     screen = 1 / reach_px**2

@@ -15,15 +15,14 @@ from processing.detail.rotation import rotate_from_z, rotate_to_z
 from processing.detail.shape_filter import ShapeFilter
 from processing.maps.metrics import angle_map_deg
 from processing.maps.normal_map import NormalMap, check_normal_map
-from processing.stages.stage import Need, NormalRows, Size, Step, size_of
+from processing.stages.stage import Need, NormalRows, Size, Step
 from rig import Progress, no_progress
 from rig.arrays import Bool, Float32, Float64
 
 # The interpreter, libraries and compiled kernels.
 _FIXED = 330_000_000
-# Bytes per pixel that is separated: normals, shape, detail, and what the filter computes of them.
-_OF_BAND, _OF_EDGE_AWARE_BAND = 50, 225
-# Bytes per pixel: of a map in memory besides that, and of masks while the maps are on disk.
+# Bytes per pixel: of a map in memory besides those of its separation, and of masks while the maps
+# are on disk.
 _MAP, _ON_DISK = 13, 6
 LEAST_ROWS = 8
 # A band of fewer margins would compute most rows several times.
@@ -60,11 +59,13 @@ class SeparationStage:
 
     def need(self, *sizes: Size) -> Need:
         """Return the memory for a map of (height, width)."""
-        (size,) = sizes
+        ((height, width),) = sizes
+        halo, of_pixel = self.shape_filter.halo, self.shape_filter.pixel_bytes
+        rows = min(LEAST_ROWS + 2 * halo, height)
         return Need(
-            memory_of_separation(size, self.shape_filter),
-            _least_memory_of_separation(size, self.shape_filter),
-            f"a normal map of {size[1]} x {size[0]} pixels",
+            _FIXED + height * width * (_MAP + of_pixel),
+            _FIXED + width * (_ON_DISK * height + rows * of_pixel),
+            f"a normal map of {width} x {height} pixels",
         )
 
     def forms(self, *sizes: Size) -> Mapping[str, Form]:
@@ -78,7 +79,10 @@ class SeparationStage:
         """Return the steps: the components, then the shape that is left in the detail."""
         (given,) = inputs
         normals, mask, by = given.normals, given.mask, self.shape_filter
-        most = None if memory is None else _rows_of_band(size_of(given), by, memory)
+        most = None
+        if memory is not None:
+            free = (memory - _FIXED - _ON_DISK * mask.size) // (mask.shape[1] * by.pixel_bytes)
+            most = useful_rows(free - 2 * by.halo, by.halo)
 
         def split(rows: slice) -> None:
             parts = separate_rows(normals, mask, rows, shape_filter=by)
@@ -94,7 +98,7 @@ class SeparationStage:
     @staticmethod
     def separability_deg(maps: Maps, mask: Bool) -> float:
         """Return the mean angle of `Separation.separability_deg`."""
-        return float(maps["sums"][:].sum() / np.count_nonzero(mask))
+        return _mean_of(maps["sums"][:], mask)
 
 
 def separate_rows(
@@ -140,8 +144,8 @@ def separate_rows(
     """
     height, width = mask.shape
     shape_filter.check_size((height, width))
-    margin = halo_rows(shape_filter)
-    top, bottom = max(0, rows.start - margin), min(height, rows.stop + margin)
+    halo = shape_filter.halo
+    top, bottom = max(0, rows.start - halo), min(height, rows.stop + halo)
     inner = slice(rows.start - top, rows.stop - top)
     if not mask[rows].any():
         empty = np.zeros((rows.stop - rows.start, width, 3), np.float32)
@@ -149,47 +153,6 @@ def separate_rows(
     read = np.ascontiguousarray(normals[top:bottom], np.float32)
     shape, detail = shape_filter.split(NormalMap.of_unit_vectors(read, mask[top:bottom]))
     return shape.normals[inner], detail.normals[inner]
-
-
-def halo_rows(shape_filter: ShapeFilter) -> int:
-    """Return the rows above and below that `separate_rows` reads."""
-    # A window that is cut at the border of the map must still fit.
-    return max(shape_filter.margin, 2 * shape_filter.w)
-
-
-def memory_of_separation(size: tuple[int, int], shape_filter: ShapeFilter = ShapeFilter()) -> int:
-    """Return the bytes that a program needs to read and `separate` a map of (height, width).
-
-    Examples
-    --------
-    >>> from processing import memory_of_separation
-    >>> memory_of_separation((3000, 4000)) // 1_000_000
-    1086
-    """
-    return _FIXED + size[0] * size[1] * (_MAP + pixel_bytes(shape_filter))
-
-
-def _least_memory_of_separation(
-    size: tuple[int, int], shape_filter: ShapeFilter = ShapeFilter()
-) -> int:
-    """Return the bytes that `separate_on_disk` needs at least.
-
-    Examples
-    --------
-    >>> from processing import least_memory_of_separation
-    >>> least_memory_of_separation((3000, 4000)) // 1_000_000
-    451
-    """
-    rows = min(LEAST_ROWS + 2 * halo_rows(shape_filter), size[0])
-    return _FIXED + size[1] * (_ON_DISK * size[0] + rows * pixel_bytes(shape_filter))
-
-
-def _rows_of_band(size: tuple[int, int], shape_filter: ShapeFilter, memory: int) -> int:
-    """Return the rows of a band for which a number of bytes is enough."""
-    halo = halo_rows(shape_filter)
-    free = memory - _FIXED - _ON_DISK * size[0] * size[1]
-    rows = free // (size[1] * pixel_bytes(shape_filter)) - 2 * halo
-    return useful_rows(rows, halo)
 
 
 def useful_rows(rows: int, halo: int) -> int:
@@ -200,11 +163,6 @@ def useful_rows(rows: int, halo: int) -> int:
 def fixed() -> int:
     """Return the bytes of the interpreter, libraries and compiled kernels."""
     return _FIXED
-
-
-def pixel_bytes(shape_filter: ShapeFilter) -> int:
-    """Return the bytes per pixel that is separated."""
-    return _OF_EDGE_AWARE_BAND if shape_filter.kind in ("guided", "bilateral") else _OF_BAND
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,13 +199,21 @@ class Separation:
     @property
     def separability_deg(self) -> float:
         """Mean of `separability_map_deg` over the mask."""
-        mask = self.detail.mask
-        return float(sums_of_rows(self.separability_map_deg, mask).sum() / np.count_nonzero(mask))
+        return mean_over(self.separability_map_deg, self.detail.mask)
 
 
 def sums_of_rows(values: Float32, mask: Bool) -> Float64:
     """Return the sum of each row over a mask, which does not depend on the other rows."""
     return np.asarray(np.where(mask, values, np.float32(0)).sum(axis=1, dtype=np.float64))
+
+
+def mean_over(values: Float32, mask: Bool) -> float:
+    """Return the mean over a mask, equal to that of bands of rows."""
+    return _mean_of(sums_of_rows(values, mask), mask)
+
+
+def _mean_of(sums: Float64, mask: Bool) -> float:
+    return float(sums.sum() / np.count_nonzero(mask))
 
 
 def separate(

@@ -22,6 +22,8 @@ EdgeAware = Literal["guided", "bilateral"]
 _GUIDED_REACH = 0.8  # of w
 _GUIDED_EPSILON = 0.004
 _BILATERAL_RANGE = 0.3
+# Bytes per pixel that is separated: normals, shape, detail, and what the filter computes of them.
+_OF_BAND, _OF_EDGE_AWARE_BAND = 50, 225
 
 
 @dataclass(frozen=True)
@@ -88,7 +90,26 @@ class ShapeFilter:
     def margin(self) -> int:
         """Number of rows above and below on which the components of a row depend."""
         own = self.passes * (len(self._kernel) - 1)
-        return own + _edge_reach(self.kind, self.w) if self.kind in ("guided", "bilateral") else own
+        # OpenCV's windows: two boxes in a row, in two passes; 1.5 sigma in three passes.
+        if self.kind == "guided":
+            return own + 4 * round(_GUIDED_REACH * self.w)
+        return own + 3 * _bilateral_reach(self.w) if self.kind == "bilateral" else own
+
+    @property
+    def halo(self) -> int:
+        """Rows above and below that are read to separate some rows."""
+        # A window that is cut at the border of the map must still fit.
+        return max(self.margin, 2 * self.w)
+
+    @property
+    def pixel_bytes(self) -> int:
+        """Bytes of memory per pixel that is separated."""
+        return _OF_EDGE_AWARE_BAND if self.kind in ("guided", "bilateral") else _OF_BAND
+
+    @property
+    def paper(self) -> ShapeFilter:
+        """The paper's filter with the same window: a Gaussian of order 1."""
+        return ShapeFilter("gaussian", 1, self.w)
 
     def shape(self, normal_map: NormalMap) -> NormalMap:
         """Return the shape component of a normal map; see `split`."""
@@ -222,12 +243,6 @@ def _leave_within_edges(
     guide = smooth / np.maximum(length, np.float32(1e-6))
     rest = normals - _smooth(kind, normals, mask, guide, w)
     return rest - _smooth(kind, rest, mask, guide, w) if kind == "bilateral" else rest
-
-
-def _edge_reach(kind: FilterKind, w: int) -> int:
-    """Return how many pixels `_leave_within_edges` reaches."""
-    # OpenCV's windows: two boxes in a row, in two passes; 1.5 sigma in three passes.
-    return 4 * round(_GUIDED_REACH * w) if kind == "guided" else 3 * _bilateral_reach(w)
 
 
 def _smooth(kind: EdgeAware, vectors: Float32, mask: Bool, guide: Float32, w: int) -> Float32:

@@ -167,3 +167,9 @@ def _clean(bright: Bool) -> Bool:
     kept = area >= _MIN_PART * area.max()
     kept[0] = False
     return np.asarray(ndimage.binary_fill_holes(kept[parts]))
+
+
+def bounding_box(mask: Bool) -> tuple[slice, slice]:
+    """Return the rows and the columns of the smallest rectangle around a mask, not empty."""
+    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)

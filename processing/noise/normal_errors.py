@@ -20,8 +20,9 @@ from processing.noise.pixel_variances import (
     pixel_variances,
 )
 from processing.noise.sample_kind import Reason
+from processing.stereo.light_model import check_one_light_each
 from processing.stereo.normals_and_albedo import PhotometricStereoResult
-from rig import Progress, check_type, no_progress, pluralize, short_repr
+from rig import Progress, check_type, no_progress, short_repr
 from rig.arrays import Bool, Float32, Float64, UInt8
 
 # Root mean square angle between any direction and one that is uniform on the sphere:
@@ -139,11 +140,7 @@ def normal_uncertainty(
             f"images of shape {stack.shape}, a mask of shape {mask.shape} and normals of shape "
             f"{stereo.albedo.shape} do not fit"
         )
-    if len(stack) != len(lights):
-        raise DataError(
-            f"{pluralize(len(stack), 'image')} for {pluralize(len(lights), 'light')}: give "
-            "one light for each image"
-        )
+    check_one_light_each(len(stack), lights)
     if depth_sigma and camera is None:
         raise DataError("depths with errors require a camera")
     given = SolvedStack(
@@ -162,7 +159,7 @@ def normal_uncertainty(
 
 def as_uncertainty(found: PixelVariances) -> NormalUncertainty:
     """Return standard deviations in degrees from variances."""
-    valid = valid_errors(found)
+    valid = valid_reasons(found.reason, found.origin)
     common, total = sums_of(found)
     total += np.float32(found.common_model)
     in_degrees(total, valid)
@@ -170,11 +167,6 @@ def as_uncertainty(found: PixelVariances) -> NormalUncertainty:
     return NormalUncertainty(
         total, common, found.samples, found.reason, found.origin, found.correlation
     )
-
-
-def valid_errors(found: PixelVariances) -> Bool:
-    """Return which pixels have error bars."""
-    return valid_reasons(found.reason, found.origin)
 
 
 def valid_reasons(reason: UInt8, origin: Origin) -> Bool:

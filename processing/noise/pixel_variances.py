@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal, cast
 
 import cv2
@@ -79,24 +80,42 @@ class SolvedStack:
             for channel in range(self.values.shape[-1])
         ]
 
+    @cached_property
     def frames(self) -> Frames:
-        """Return the images as the compiled solvers read them."""
+        """The images as the compiled solvers read them."""
         return Frames(self.values)
 
+    @cached_property
     def model(self) -> LightModel:
-        """Return the light vectors at the pixels."""
+        """The light vectors at the pixels."""
         return LightModel(self.lights, self.points_mm, self.mask)
+
+    @cached_property
+    def law(self) -> NoiseLaw | None:
+        """The law of the noise; None if it is unknown."""
+        if self.noise is None:
+            return None
+        return NoiseLaw(self.noise, (len(self.values), *self.mask.shape))
 
     def solver(self) -> ReferenceSolver:
         """Return what solves the pixels again."""
         scaled = self.normals, self.albedo
         return ReferenceSolver(self.lights, scaled, self.points_mm, self.camera, self.depth_sigma)
 
-    def law(self) -> NoiseLaw | None:
-        """Return the law of the noise; None if it is unknown."""
-        if self.noise is None:
+    def fitted_law(self) -> Float32 | None:
+        """Return the law that the images show if none is known, see `law_of_errors`."""
+        if self.law is not None:
             return None
-        return NoiseLaw(self.noise, (len(self.values), *self.mask.shape))
+        found = law_of_images(self.frames, self.model, self.mask)
+        return law_of_errors(found, len(self.values), int(np.count_nonzero(self.mask)))
+
+    def samples(
+        self, pixels: Intp, fitted: Float32 | None
+    ) -> tuple[Float32, Float32, Float32 | None]:
+        """Return the samples of some pixels, their light vectors, and the law of their noise."""
+        samples, vectors = self.model.samples(self.frames, pixels)
+        law = fitted if self.law is None else self.law.of(pixels, samples, vectors)
+        return samples, vectors, law
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +142,7 @@ class PixelVariances:
     origin
         Where the law of the noise is from.
     correlation
-        See `neighbour_correlation`.
+        See `ReferenceSolver.correlation`.
     """
 
     noise: Float32
@@ -151,7 +170,7 @@ class Shown:
     law
         Law of the noise, ``(1, 2, N)``, if none is given; None if they do not show it either.
     correlation
-        See `neighbour_correlation`.
+        See `ReferenceSolver.correlation`.
     """
 
     law: Float32 | None
@@ -250,17 +269,14 @@ def pixel_variances(
     on_progress
         As in `normal_uncertainty`.
     """
-    frames, model, solver, law = given.frames(), given.model(), given.solver(), given.law()
     pixels, width = np.flatnonzero(given.mask), given.mask.shape[1]
     if shown is None:
         shown = shown_by(given)
-    fitted = shown.law
-    origin = origin_of(given.noise, fitted)
-    maps = VarianceMaps(solver, given.albedo, len(frames), origin, keep_reference=keep_reference)
+    origin, lights = origin_of(given.noise, shown.law), len(given.values)
+    maps = VarianceMaps(given.solver(), given.albedo, lights, origin, keep_reference=keep_reference)
     done = 0
     for block in row_blocks(pixels, width):
-        samples, vectors = model.samples(frames, block)
-        maps.add(block, samples, vectors, _law(law, fitted, block, samples, vectors))
+        maps.add(block, *given.samples(block, shown.law))
         done += len(block)
         on_progress("error bars", done, len(pixels))
     return maps.variances(shown.correlation)
@@ -268,11 +284,9 @@ def pixel_variances(
 
 def shown_by(given: SolvedStack) -> Shown:
     """Return what the pixels of a gray stack show; only those of `some_of` need normals."""
-    frames, model, law, fitted = _laws(given)
-    some = some_of(np.flatnonzero(given.mask))
-    samples, vectors = model.samples(frames, some)
-    of_some = _law(law, fitted, some, samples, vectors)
-    return Shown(fitted, given.solver().correlation(some, samples, vectors, of_some))
+    fitted, some = given.fitted_law(), some_of(np.flatnonzero(given.mask))
+    correlation = given.solver().correlation(some, *given.samples(some, fitted))
+    return Shown(fitted, correlation)
 
 
 def place_of(pixels: Intp) -> slice | Intp:
@@ -311,34 +325,17 @@ def kinds_of(
         points_mm=points_mm,
         noise=noise,
     )
-    frames, model, law, fitted = _laws(given)
     pixels = np.flatnonzero(mask)
-    samples, vectors = model.samples(frames, pixels)
-    of_pixels = _law(law, fitted, pixels, samples, vectors)
+    kinds, *_ = given.solver().solve(pixels, *given.samples(pixels, given.fitted_law()))
     whole = np.zeros((len(stack), mask.size), np.uint8)
-    whole[:, pixels] = given.solver().solve(pixels, samples, vectors, of_pixels)[0].T
+    whole[:, pixels] = kinds.T
     return whole.reshape(stack.shape)
-
-
-def _laws(given: SolvedStack) -> tuple[Frames, LightModel, NoiseLaw | None, Float32 | None]:
-    """Return images, light vectors, and the law of the noise as it is known or as they show it."""
-    frames, model, law = given.frames(), given.model(), given.law()
-    if law is not None:
-        return frames, model, law, None
-    found, pixels = law_of_images(frames, model, given.mask), int(np.count_nonzero(given.mask))
-    return frames, model, None, law_of_errors(found, len(frames), pixels)
 
 
 def law_of_errors(law: Float32 | None, images: int, pixels: int) -> Float32 | None:
     """Return the law that `law_of_images` found; no noise if many pixels showed none."""
     enough = images >= _FEWEST_IMAGES and pixels >= _FEWEST_PIXELS
     return np.zeros((1, 2, 1), np.float32) if law is None and enough else law
-
-
-def _law(
-    known: NoiseLaw | None, fitted: Float32 | None, pixels: Intp, samples: Float32, vectors: Float32
-) -> Float32 | None:
-    return fitted if known is None else known.of(pixels, samples, vectors)
 
 
 def _reasons(counts: UInt16, good: Bool, solved: Bool) -> UInt8:

@@ -108,9 +108,20 @@ class ReferenceSolver:
     def correlation(
         self, pixels: Intp, samples: Float32, vectors: Float32, law: Float32 | None
     ) -> float:
-        """Return how alike the residuals of neighbouring lights are at some pixels."""
+        """Return the correlation between the residuals of each light and of the one nearest to it.
+
+        Noise and errors of lights are independent from light to light; the fit makes their
+        correlation slightly negative. A surface that is not matte reflects neighbouring lights in a
+        similar way, and the correlation is positive, whatever the strength of the noise. NaN if
+        there are too few lights or pixels.
+        """
         kinds, _, reference, _ = self.solve(pixels, samples, vectors, law)
-        return neighbour_correlation(samples, vectors, kinds, reference)
+        solved = np.isfinite(reference).all(axis=1)
+        of_pixel = np.broadcast_to(vectors, (len(samples), *vectors.shape[1:]))[solved]
+        predicted = np.einsum("pc,pcn->pn", reference[solved], of_pixel)
+        left = np.nan_to_num(samples[solved]) - predicted
+        residuals = np.where(kinds[solved] == LIT, left, 0.0)
+        return correlation_of_neighbours(residuals, vectors.mean(axis=0).T)
 
 
 def row_blocks(pixels: Intp, width: int) -> Iterator[Intp]:
@@ -127,30 +138,6 @@ def _row_starts(pixels: Intp, width: int) -> Intp:
     """Return where rows of the image begin in a list of pixels, and its length."""
     inside = np.flatnonzero(np.diff(pixels // width)) + 1
     return np.concatenate([[0], inside, [len(pixels)]]).astype(np.intp)
-
-
-def neighbour_correlation(
-    values: Float32, vectors: Float32, kinds: UInt8, reference: Float64
-) -> float:
-    """Return the correlation between the residuals of each light and of the one nearest to it.
-
-    Noise and errors of lights are independent from light to light; the fit makes their correlation
-    slightly negative. A surface that is not matte reflects neighbouring lights in a similar
-    way, and the correlation is positive, whatever the strength of the noise. NaN if there are too
-    few lights or pixels.
-
-    Parameters
-    ----------
-    values, vectors
-        Samples of P pixels, see `LightModel.samples`.
-    kinds, reference
-        See `reference_solutions`.
-    """
-    solved = np.isfinite(reference).all(axis=1)
-    of_pixel = np.broadcast_to(vectors, (len(values), *vectors.shape[1:]))[solved]
-    predicted = np.einsum("pc,pcn->pn", reference[solved], of_pixel)
-    residuals = np.where(kinds[solved] == LIT, np.nan_to_num(values[solved]) - predicted, 0.0)
-    return correlation_of_neighbours(residuals, vectors.mean(axis=0).T)
 
 
 def correlation_of_neighbours(residuals: Float64, vectors: Float64) -> float:

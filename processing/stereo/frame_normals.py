@@ -8,8 +8,8 @@ import numpy.typing as npt
 from acquisition import DataError, Lights
 from processing.stereo.frames import Frames
 from processing.stereo.image_noise import law_of_images
-from processing.stereo.light_model import LightModel
-from processing.stereo.method import METHODS, Method
+from processing.stereo.light_model import LightModel, check_one_light_each
+from processing.stereo.method import Method, check_method
 from processing.stereo.solve import solve_maps
 from processing.stereo.stereo_maps import StereoMaps
 from rig import check_type, no_progress, pluralize
@@ -135,19 +135,12 @@ def _check(
     mask: Bool | None,
     method: str,
 ) -> None:
-    if method not in METHODS:
-        raise DataError(
-            f"{method!r} is not a method of photometric stereo: use {', '.join(METHODS)}"
-        )
+    check_method(method)
     if frames.ndim != 3 or frames.dtype.kind not in "uif":
         raise DataError(
             f"frames are numbers of shape (N, H, W), not {frames.dtype} of shape {frames.shape}"
         )
-    if len(frames) != len(lights):
-        raise DataError(
-            f"{pluralize(len(frames), 'frame')} for {pluralize(len(lights), 'light')}: give one "
-            "light for each frame"
-        )
+    check_one_light_each(len(frames), lights, "frame")
     size = frames.shape[1:]
     if dark.ndim and dark.shape != size:
         raise DataError(f"a dark image of shape {dark.shape} does not fit frames of {_size(size)}")

@@ -135,6 +135,15 @@ class LightModel:
         return vectors
 
 
+def check_one_light_each(count: int, lights: Lights, noun: str = "image") -> None:
+    """Refuse another number of images than of lights, by `DataError`."""
+    if count != len(lights):
+        raise DataError(
+            f"{pluralize(count, noun)} for {pluralize(len(lights), 'light')}: give one light for "
+            f"each {noun}"
+        )
+
+
 def _check_lights(vectors: Float64) -> None:
     """Reject lights that leave a direction of the normal undetermined."""
     if len(vectors) < 3:

@@ -14,11 +14,11 @@ from calibration.radiance import check_linear
 from processing.maps.normal_map import NormalMap
 from processing.stereo.frames import Frames
 from processing.stereo.image_noise import NoiseLaw, law_of_images
-from processing.stereo.light_model import LightModel
-from processing.stereo.method import METHODS, Method
+from processing.stereo.light_model import LightModel, check_one_light_each
+from processing.stereo.method import Method, check_method
 from processing.stereo.solve import solve_maps
 from processing.stereo.stereo_maps import StereoMaps
-from rig import Notice, Progress, check_type, no_progress, pluralize, short_repr
+from rig import Notice, Progress, check_type, no_progress, short_repr
 from rig.arrays import Bool, Float32, UInt16
 
 
@@ -130,10 +130,7 @@ def photometric_stereo(
     """
     check_linear("values", values)
     check_type("lights", lights, Lights, "Lights(directions)")
-    if method not in METHODS:
-        raise DataError(
-            f"{method!r} is not a method of photometric stereo: use {', '.join(METHODS)}"
-        )
+    check_method(method)
     stack, mask = np.asarray(values, np.float32), np.ascontiguousarray(mask)
     _check_inputs(stack, lights, mask)
     model = LightModel(lights, points_mm, mask)
@@ -196,11 +193,7 @@ def _check_inputs(stack: Float32, lights: Lights, mask: Bool) -> None:
         raise DataError(
             f"photometric stereo requires a stack (N, H, W) of one channel, not {stack.shape}"
         )
-    if len(stack) != len(lights):
-        raise DataError(
-            f"{pluralize(len(stack), 'image')} for {pluralize(len(lights), 'light')}: give "
-            "one light for each image"
-        )
+    check_one_light_each(len(stack), lights)
     if mask.dtype != np.bool_ or mask.shape != stack.shape[1:]:
         raise DataError(
             f"a mask of {mask.dtype} and shape {mask.shape} does not fit images of shape "

@@ -39,27 +39,30 @@ class StereoMaps:
 
     __repr__ = short_repr
 
+    @staticmethod
+    def _forms(shape: tuple[int, ...]) -> dict[str, tuple[tuple[int, ...], type]]:
+        """Return shape and type of each map."""
+        one = shape, np.float32
+        return {
+            "normals": ((*shape, 3), np.float32),
+            "albedo": one,
+            "residual": one,
+            "used": (shape, np.uint16),
+        }
+
     @classmethod
     def empty(cls, shape: tuple[int, ...]) -> Self:
         """Return maps of 0 for ``(H, W)`` pixels."""
-        normals, albedo, residual = (
-            np.zeros(size, np.float32) for size in ((*shape, 3), shape, shape)
-        )
-        return cls(normals, albedo, residual, np.zeros(shape, np.uint16))
+        return cls(**{name: np.zeros(*form) for name, form in cls._forms(shape).items()})
 
     def clear(self) -> None:
         """Set all maps to 0."""
-        for array in (self.normals, self.albedo, self.residual, self.used):
+        for array in vars(self).values():
             array[:] = 0
 
     def check(self, shape: tuple[int, ...]) -> None:
         """Refuse maps that cannot be filled for ``(H, W)`` pixels, by `DataError`."""
-        for name, kind, size in (
-            ("normals", np.float32, (*shape, 3)),
-            ("albedo", np.float32, shape),
-            ("residual", np.float32, shape),
-            ("used", np.uint16, shape),
-        ):
+        for name, (size, kind) in self._forms(shape).items():
             array = getattr(self, name)
             fits = array.shape == size and array.dtype == kind
             if not (fits and array.flags.c_contiguous and array.flags.writeable):

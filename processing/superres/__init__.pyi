@@ -1,9 +1,9 @@
 from .downsampling import low_resolution as low_resolution
 from .higher_resolution import SuperResolution as SuperResolution
+from .higher_resolution import SuperResolutionStage as SuperResolutionStage
 from .higher_resolution import super_resolve as super_resolve
 from .method import PixelSampling as PixelSampling
 from .method import SuperResolutionMethod as SuperResolutionMethod
 from .model import Deviations as Deviations
 from .model import SuperResolutionModel as SuperResolutionModel
 from .model import read_superres_model as read_superres_model
-from .super_resolution_stage import SuperResolutionStage as SuperResolutionStage

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
 from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple
@@ -12,16 +12,14 @@ import numpy as np
 
 from acquisition import MapRows
 from processing.detail.rotation import rotate_from_z
-from processing.detail.separation import halo_rows
 from processing.detail.shape_filter import ShapeFilter
 from processing.maps.metrics import angle_map_deg
 from processing.maps.normal_map import NormalMap
+from processing.noise.normal_errors import UNIFORM_DEG
 from processing.superres.method import PixelSampling
 from processing.superres.model import Domain
 from processing.superres.network import Network
-from rig.arrays import Bool, Float32
-
-Window = tuple[slice, slice]
+from rig.arrays import AnyArray, Bool, Float32
 
 # How far the functions here depend on the surroundings of a pixel.
 REACH_PX = 3
@@ -39,26 +37,18 @@ _LEAST_SHARE = np.float32(0.25)
 _CENTRAL_PX = 2
 
 
-class _Tile(NamedTuple):
-    """A part of an image, and the larger part on which its result depends.
+class Span(NamedTuple):
+    """Some of the rows or columns of an image, and those on which their result depends.
 
     Parameters
     ----------
     core
-        The part itself, in pixels of the image.
+        The rows or columns themselves.
     around
-        The part with its halo, cut at the border of the image.
+        Those with the halo, cut at the border of the image.
     inside
-        The core, in pixels of `around`.
+        The core, counted from the first of `around`.
     """
-
-    core: Window
-    around: Window
-    inside: Window
-
-
-class Span(NamedTuple):
-    """Some of the rows or columns of an image, as in `_Tile`."""
 
     core: slice
     around: slice
@@ -84,48 +74,9 @@ def spans(length: int, side: int, halo: int) -> list[Span]:
     return made
 
 
-def tiles(reach: Bool, rows: slice, side: int, halo: int) -> Iterator[_Tile]:
-    """Yield the tiles of one row of tiles that contain pixels of a mask.
-
-    Parameters
-    ----------
-    reach
-        ``(h, w)`` bool, of the rows with their halo.
-    rows
-        The rows of the cores.
-    side, halo
-        Width of the cores, and width of the halo around them.
-    """
-    for columns in spans(reach.shape[1], side, halo):
-        core = rows, columns.core
-        if reach[core].any():
-            yield _Tile(core, (slice(0, len(reach)), columns.around), (rows, columns.inside))
-
-
-def _enlarged_window(window: Window, scale: int) -> Window:
-    """Return a window in pixels of a resolution that is higher by a factor."""
-    rows, columns = (enlarged_rows(part, scale) for part in window)
-    return rows, columns
-
-
 def enlarged_rows(rows: slice, scale: int) -> slice:
     """Return rows in pixels of a resolution that is higher by a factor."""
     return slice(rows.start * scale, rows.stop * scale)
-
-
-class _Blend(NamedTuple):
-    """A blend of two results.
-
-    Parameters
-    ----------
-    normals
-        ``(H, W, 3)`` unit vectors.
-    variance
-        ``(H, W)`` mean-square error in radians squared.
-    """
-
-    normals: Float32
-    variance: Float32
 
 
 def _roughness_gate(low: Float32) -> Float32:
@@ -150,7 +101,7 @@ def _roughness_gate(low: Float32) -> Float32:
 
 def blend(
     smooth: Float32, sharp: Float32, square: Float32, errors: Float32, gate: Float32
-) -> _Blend:
+) -> tuple[Float32, Float32]:
     """Blend an interpolation and the result of a network.
 
     The weight of the network is 1, less where it expects to be worse than bicubic interpolation
@@ -168,13 +119,18 @@ def blend(
         ``(H, W, 2)`` mean-square errors of the network's result and of bicubic interpolation.
     gate
         ``(H, W)`` largest weight, 0 to 1.
+
+    Returns
+    -------
+    normals, variance
+        ``(H, W, 3)`` unit vectors, and ``(H, W)`` mean-square errors in radians squared.
     """
     ours, theirs = errors[..., 0], errors[..., 1]
     weight = np.minimum(1, theirs / np.maximum(ours, _LEAST)) * gate
     variance = (1 - weight) * theirs + weight * ours - weight * (1 - weight) * square
     floor = _LEAST_SHARE * np.minimum(theirs, ours)
     normals = units(smooth + weight[..., None] * (sharp - smooth))
-    return _Blend(normals, np.asarray(np.maximum(variance, floor), np.float32))
+    return normals, np.asarray(np.maximum(variance, floor), np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,7 +199,7 @@ class LowMap:
 def margin_rows(halo: int) -> int:
     """Return the rows above and below that `LowMap.of` reads, of a network with a halo."""
     # What the continuation, the filter and the means of points depend on.
-    return halo + halo_rows(ShapeFilter()) + 2 * REACH_PX
+    return halo + ShapeFilter().halo + 2 * REACH_PX
 
 
 def reached(mask: Bool) -> Bool:
@@ -251,43 +207,24 @@ def reached(mask: Bool) -> Bool:
     return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
 
 
-class HighTile(NamedTuple):
-    """A tile of the high resolution; 0 outside its mask.
-
-    Parameters
-    ----------
-    normals, mask
-        The map.
-    variance
-        ``(H, W)`` mean-square error in radians squared; None for bicubic interpolation.
-    added_deg, detail_deg
-        ``(H, W)`` angles between interpolation without a network and the map, and the shape.
-    """
-
-    normals: Float32
-    mask: Bool
-    variance: Float32 | None
-    added_deg: Float32
-    detail_deg: Float32
-
-
 def enlarge(
     low: LowMap,
-    tile: _Tile,
+    rows: slice,
+    columns: Span,
     scale: int,
     wanted: Bool | None,
     network: Network | None,
     domain: Domain,
     self_ensemble: bool,
-) -> HighTile:
+) -> dict[str, AnyArray]:
     """Compute a tile of the high resolution.
 
     Parameters
     ----------
     low
         Rows of the map.
-    tile
-        Their part.
+    rows, columns
+        The rows and the columns of the tile.
     scale
         Factor of the resolution.
     wanted
@@ -295,11 +232,22 @@ def enlarge(
     network, domain, self_ensemble
         The network, None for bicubic interpolation; what it was trained on; whether the mean of
         turned copies is used.
+
+    Returns
+    -------
+    dict
+        The maps of `SuperResolution`, 0 outside the mask, and ``detail_deg``: the angles between
+        interpolation without a network and the shape.
     """
-    around, inside = tile.around, _enlarged_window(tile.inside, scale)
+    core, around = (rows, columns.core), (slice(None), columns.around)
+    inside = enlarged_rows(rows, scale), enlarged_rows(columns.inside, scale)
+    if wanted is None:
+        mask = _enlarged_mask(low.mask[around], scale)[inside]
+    else:
+        mask = low.reach[core].repeat(scale, axis=0).repeat(scale, axis=1) & wanted
     shape = units(bicubic(low.shape[around], scale)[inside])
-    mask, variance = _mask(low, tile, scale, wanted), None
     plain = normals = units(bicubic(low.normals[around], scale)[inside])
+    made: dict[str, AnyArray] = {"mask": mask}
     if network is not None:
         plain = units(smoothly(low.central[around], scale)[inside])
         vectors = (low.detail if domain == "detail" else low.normals)[around]
@@ -310,23 +258,20 @@ def enlarge(
         square = ((sharp - normals) ** 2).sum(axis=2)
         gate = np.clip(bicubic(low.gate[around], scale)[inside], 0, 1)
         normals, variance = blend(plain, sharp, square, np.exp(answer[..., 3:]), gate)
-        normals = with_given(normals, low.given[tile.core], mask, low.side)
+        normals = with_given(normals, low.given[core], mask, low.side)
         known = network.deviations
         variance = variance if known is None else known.corrected(variance)
-    return HighTile(
-        np.where(mask[..., None], normals, np.float32(0)),
-        mask,
-        variance,
-        np.where(mask, angle_map_deg(normals, plain, mask), np.float32(0)),
-        np.where(mask, angle_map_deg(plain, shape, mask), np.float32(0)),
+        sigma = np.float32(math.degrees(1)) * np.sqrt(variance)
+        sigma = np.minimum(sigma, np.float32(UNIFORM_DEG))
+        made["sigma_deg"] = np.where(mask, sigma, np.float32(np.nan))
+    added, detail = (
+        np.where(mask, angle_map_deg(*pair, mask), np.float32(0))
+        for pair in ((normals, plain), (plain, shape))
     )
-
-
-def _mask(low: LowMap, tile: _Tile, scale: int, wanted: Bool | None) -> Bool:
-    if wanted is None:
-        inside = _enlarged_window(tile.inside, scale)
-        return _enlarged_mask(low.mask[tile.around], scale)[inside]
-    return low.reach[tile.core].repeat(scale, axis=0).repeat(scale, axis=1) & wanted
+    squares = added**2
+    made["invented"] = squares / np.maximum(squares + detail**2, np.float32(1e-12))
+    made["normals"] = np.where(mask[..., None], normals, np.float32(0))
+    return made | {"added_deg": added, "detail_deg": detail}
 
 
 def _with_margin(rows: slice, margin: int, height: int) -> slice:

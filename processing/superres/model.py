@@ -164,6 +164,10 @@ class SuperResolutionModel:
             )
 
 
+# What the description of a network says of it.
+_DESCRIBED = ("name", "scale", "domain", "halo_px", "sha256", "training", "deviations")
+
+
 def read_superres_model(
     model: str | Path | None, scale: int, method: Domain | None = None
 ) -> SuperResolutionModel:
@@ -210,17 +214,8 @@ def read_superres_model(
             f"{path}: not the network that {path.with_suffix('.json').name} describes, or altered: "
             "restore both files"
         )
-    made = SuperResolutionModel(
-        path,
-        described.name,
-        described.scale,
-        described.domain,
-        described.halo_px,
-        described.sha256,
-        described.training,
-        data,
-        described.deviations,
-    )
+    own = {name: getattr(described, name) for name in _DESCRIBED}
+    made = SuperResolutionModel(path=path, data=data, **own)
     made.check(scale, method)
     return made
 

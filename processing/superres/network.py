@@ -105,7 +105,8 @@ def turned(vectors: Float32, symmetry: int) -> Float32:
     """
     turns, mirrored = symmetry & 3, symmetry & 4
     image = np.rot90(vectors, turns).copy()
-    image[..., :2] = _turned_xy(image[..., 0], image[..., 1], turns)
+    x, y = image[..., 0], image[..., 1]
+    image[..., :2] = np.stack(((x, y), (-y, x), (-x, -y), (y, -x))[turns], axis=-1)
     if mirrored:
         image = image[:, ::-1].copy()
         image[..., 0] *= -1
@@ -118,8 +119,3 @@ def _turned_back(image: Float32, symmetry: int) -> Float32:
         image = image[:, ::-1].copy()
         image[..., 0] *= -1
     return turned(image, -turns & 3)
-
-
-def _turned_xy(x: Float32, y: Float32, turns: int) -> Float32:
-    pairs = ((x, y), (-y, x), (-x, -y), (y, -x))
-    return np.stack(pairs[turns], axis=-1)

@@ -6,7 +6,6 @@ from .method import SYNTHESIZERS as SYNTHESIZERS
 from .method import SynthesisMethod as SynthesisMethod
 from .method import Synthesizer as Synthesizer
 from .pixel_synthesis import efros_leung as efros_leung
-from .seam_steps import CutSteps as CutSteps
 from .sheet_synthesis import Synthesis as Synthesis
 from .sheet_synthesis import SynthesisStage as SynthesisStage
 from .sheet_synthesis import synthesize as synthesize

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import product
 
 import cv2
 import numpy as np
@@ -11,7 +12,7 @@ from scipy.optimize import nnls
 
 from acquisition import DataError
 from processing.maps.normal_map import NormalMap
-from rig.arrays import Bool, Float32, Float64, Int32, Intp
+from rig.arrays import AnyArray, Bool, Float32, Float64, Int32, Intp
 
 _ROUNDS = 20
 # Rounding errors of the use of a pixel that is in no patch are smaller.
@@ -20,7 +21,7 @@ _LEVELS = 32
 # The mean angle counts more than a level of its distribution, even use less, the sum most.
 _MEAN, _EVEN, _SUM = 3.0, 0.1, 100.0
 # A smaller mean angle is noise of files: nothing that could be continued.
-_FLAT_DEG = 0.01
+FLAT_DEG = 0.01
 # Classes of steepness of patches.
 CLASSES = 24
 
@@ -71,12 +72,12 @@ def prepare_exemplar(detail: NormalMap, patch: int, *, rotate: bool, mirror: boo
     steep = np.hypot(detail.normals[..., 0], detail.normals[..., 1])
     angle = np.arctan2(steep, detail.normals[..., 2])
     mean = math.degrees(np.mean(angle[detail.mask], dtype=np.float64))
-    if mean < _FLAT_DEG:
+    if mean < FLAT_DEG:
         raise DataError(
             f"the exemplar is flat: its mean detail angle is {mean:.2g} degrees, so it has no "
             "texture that could be continued"
         )
-    places = _places(detail.mask, patch)
+    places = places_of(detail.mask, patch)
     if not places.any():
         raise DataError(
             f"no patch of {patch} x {patch} pixels fits into the mask of the exemplar: use an "
@@ -86,31 +87,43 @@ def prepare_exemplar(detail: NormalMap, patch: int, *, rotate: bool, mirror: boo
     shares = _class_shares(angle, classes, detail.mask, patch)
     copies = [
         _turned(detail.normals, classes, quarter, flip, patch)
-        for quarter in range(4 if rotate else 1)
-        for flip in ((False, True) if mirror else (False,))
+        for quarter, flip in turns(rotate, mirror)
     ]
-    side = (max(height, width), max(height, width)) if rotate else (height, width)
-    vectors = np.zeros((len(copies), *side, 3), np.float32)
-    every = np.full((len(copies), *side), -1, np.int32)
-    for i, (normals, numbers) in enumerate(copies):
-        vectors[i, : normals.shape[0], : normals.shape[1]] = normals
-        every[i, : normals.shape[0], : normals.shape[1]] = numbers
+    vectors = padded([normals for normals, _ in copies], 0)
+    every = padded([numbers for _, numbers in copies], -1)
     starts = np.flatnonzero(every >= 0).astype(np.int32)
     slopes = np.ascontiguousarray(vectors[..., :2]).reshape(*every.shape[:2], -1)
     energy = float(np.mean(steep[detail.mask] ** 2, dtype=np.float64))
     return Exemplar(vectors, slopes, every, starts, shares, energy)
 
 
-def _places(mask: Bool, patch: int) -> Bool:
+def mean_angle(vectors: Float32) -> float:
+    """Return the mean angle to z in radians of ``(..., 3)`` unit vectors."""
+    angles = np.arctan2(np.hypot(vectors[..., 0], vectors[..., 1]), vectors[..., 2])
+    return float(np.mean(angles, dtype=np.float64))
+
+
+def turns(rotate: bool, mirror: bool) -> list[tuple[int, bool]]:
+    """Return the copies of an exemplar: quarters of a turn, and whether it is mirrored then."""
+    return list(product(range(4 if rotate else 1), (False, True) if mirror else (False,)))
+
+
+def padded(copies: list[AnyArray], fill: float) -> AnyArray:
+    """Return arrays of different (height, width) as one, filled up below and at the right."""
+    side = np.max([one.shape[:2] for one in copies], axis=0)
+    whole = np.full((len(copies), *side, *copies[0].shape[2:]), fill, copies[0].dtype)
+    for place, one in zip(whole, copies, strict=True):
+        place[: one.shape[0], : one.shape[1]] = one
+    return whole
+
+
+def places_of(mask: Bool, patch: int) -> Bool:
     """Return where a patch that starts there lies inside a mask."""
-    height, width = mask.shape
-    holes = np.zeros((height + 1, width + 1), np.int64)
-    holes[1:, 1:] = np.cumsum(np.cumsum(~mask, axis=0), axis=1)
-    inside = holes[patch:, patch:] - holes[:-patch, patch:]
-    inside = inside - holes[patch:, :-patch] + holes[:-patch, :-patch] == 0
-    places = np.zeros(mask.shape, np.bool_)
-    places[: inside.shape[0], : inside.shape[1]] = inside
-    return places
+    kernel = np.ones((patch, patch), np.uint8)
+    inside = cv2.erode(
+        mask.astype(np.uint8), kernel, anchor=(0, 0), borderType=cv2.BORDER_CONSTANT, borderValue=0
+    )
+    return np.asarray(inside > 0)
 
 
 def _steepness(angle: Float32, places: Bool, patch: int) -> Int32:

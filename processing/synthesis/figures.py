@@ -10,12 +10,12 @@ import numpy as np
 from scipy.fft import fft, ifft, irfft, next_fast_len, rfft
 
 from acquisition import DataError
+from processing.maps.mask import bounding_box
 from processing.maps.normal_map import NormalMap, check_normal_map
-from processing.synthesis.spectrum_match import band_power, block_side
+from processing.synthesis.seam_steps import MOST, part_in_middle
+from processing.synthesis.spectrum_match import BANDS, band_powers, block_side
 from rig.arrays import Float32
 
-# Of larger maps, the middle part of this many rows and columns is measured.
-_MOST = 2048
 # Lags at which fewer pixel pairs of the mask overlap than this share are not judged.
 _LEAST_PAIRS = 0.25
 # Nor those at which less than this share of the energy overlaps, which could be rounding only.
@@ -134,12 +134,9 @@ def texture_figures(detail: NormalMap, exemplar: NormalMap, *, patch: int = 48) 
 
 
 def _middle(part: NormalMap) -> NormalMap:
-    height, width = part.size
-    if max(height, width) <= _MOST:
+    if max(part.size) <= MOST:
         return part
-    y, x = max(0, height - _MOST) // 2, max(0, width - _MOST) // 2
-    window = slice(y, y + _MOST), slice(x, x + _MOST)
-    return NormalMap(part.normals[window], part.mask[window])
+    return NormalMap(part_in_middle(part.normals), part_in_middle(part.mask))
 
 
 def _angles_deg(part: NormalMap) -> Float32:
@@ -154,21 +151,22 @@ def _mean_angle_deg(part: NormalMap) -> float:
 
 def _halves(part: NormalMap) -> tuple[NormalMap, NormalMap]:
     """Return the two halves of the bounding box of a mask, cut across its longer side."""
-    rows, columns = (np.flatnonzero(part.mask.any(axis=axis)) for axis in (1, 0))
-    axis = 0 if np.ptp(rows) >= np.ptp(columns) else 1
+    rows, columns = bounding_box(part.mask)
+    axis = 0 if rows.stop - rows.start >= columns.stop - columns.start else 1
     # Both halves have the same number of pixels with a normal.
     total = np.cumsum(part.mask.sum(axis=1 - axis))
     middle = max(int(np.searchsorted(total, total[-1] / 2)), 1)
     normals = np.split(part.normals, [middle], axis=axis)
     masks = np.split(part.mask, [middle], axis=axis)
-    return NormalMap(normals[0], masks[0]), NormalMap(normals[1], masks[1])
+    first, second = map(NormalMap, normals, masks)
+    return first, second
 
 
 def _spectrum_distance(a: NormalMap, b: NormalMap) -> float:
     block = block_side(a.mask, b.mask)
     if not block:
         return math.nan
-    powers = [np.maximum(band_power(part, block), 1e-30) for part in (a, b)]
+    powers = [np.maximum(band_powers(part, block, BANDS).mean(axis=0), 1e-30) for part in (a, b)]
     return float(np.mean(np.abs(np.log(powers[0] / powers[1]))))
 
 

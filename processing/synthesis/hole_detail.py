@@ -11,8 +11,9 @@ import numpy as np
 
 from acquisition import DataError
 from processing.detail.seam import blend_from, seam_steps
+from processing.maps.mask import bounding_box
 from processing.maps.normal_map import NormalMap
-from processing.synthesis.exemplar import Exemplar, prepare_exemplar
+from processing.synthesis.exemplar import FLAT_DEG, Exemplar, mean_angle, prepare_exemplar
 from processing.synthesis.hole_kernels import HOLE, KNOWN, MADE, quilt_holes
 from rig import Progress
 from rig.arrays import Bool, Float32, Int32, Intp
@@ -29,8 +30,6 @@ _PLACES = 1000
 _SHIFTS = 4
 # The factor that makes a hole as steep as its surroundings is found again after the blend.
 _BLENDS = 2
-# As in `prepare_exemplar`: a smaller mean angle is not texture.
-_FLAT_DEG = 0.01
 _STEPS = ((0, 1), (0, -1), (1, 1), (1, -1))
 
 
@@ -77,13 +76,13 @@ def fill_detail(
     for group, box in _groups(holes, patch):
         box, around = _surroundings(detail.mask, group, box, patch)
         part = NormalMap(np.where(around[..., None], detail.normals[box], 0), around)
-        if math.degrees(_mean_angle(part.normals[around])) < _FLAT_DEG:
+        if math.degrees(mean_angle(part.normals[around])) < FLAT_DEG:
             normals[box][group[box]] = (0, 0, 1)
         else:
             exemplar = prepare_exemplar(part, patch, rotate=False, mirror=False)
             given, known, inside = normals[box], detail.mask[box], group[box]
             near = known & (_away(inside) <= _REACH_PATCHES * patch)
-            angle = _mean_angle(given[near])
+            angle = mean_angle(given[near])
             shifts = range(0, patch, -(-patch // _SHIFTS))
             attempts = (
                 _filled(
@@ -106,8 +105,7 @@ def _groups(holes: Bool, patch: int) -> Iterator[tuple[Bool, tuple[slice, slice]
     labels[~holes] = 0
     for number in range(1, count):
         group = labels == number
-        rows, columns = np.flatnonzero(group.any(axis=1)), np.flatnonzero(group.any(axis=0))
-        yield group, (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
+        yield group, bounding_box(group)
 
 
 def _surroundings(
@@ -179,7 +177,7 @@ def _filled(
     region, holes = rim | (state == MADE), state == MADE
     blended = sheet
     for _ in range(_BLENDS):
-        gain = angle / max(_mean_angle(blended[holes]), 1e-9)
+        gain = angle / max(mean_angle(blended[holes]), 1e-9)
         sheet[region] = _scaled(sheet[region], min(max(gain, 1 / _MOST_GAIN), _MOST_GAIN))
         blended = blend_from(sheet, normals, rim, region, blend_px)
     return blended
@@ -189,12 +187,6 @@ def _rim_step_deg(normals: Float32, known: Bool, holes: Bool) -> float:
     """Return the mean step across the rim of filled holes, or 0 if they have no rim."""
     step = seam_steps(NormalMap.of_unit_vectors(normals, known), holes).seam_deg
     return 0.0 if math.isnan(step) else step
-
-
-def _mean_angle(vectors: Float32) -> float:
-    """Return the mean angle to z in radians of ``(n, 3)`` unit vectors."""
-    angles = np.arctan2(np.hypot(vectors[:, 0], vectors[:, 1]), vectors[:, 2])
-    return float(np.mean(angles, dtype=np.float64))
 
 
 def _scaled(vectors: Float32, factor: float) -> Float32:

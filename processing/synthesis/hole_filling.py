@@ -13,14 +13,16 @@ from acquisition import DataError
 from processing.detail.rotation import rotate_from_z, rotate_to_z
 from processing.detail.seam import SeamSteps, seam_steps
 from processing.detail.shape_filter import ShapeFilter
+from processing.maps.mask import bounding_box
 from processing.maps.normal_map import NormalMap, check_normal_map
 from processing.surface.multigrid import coarsened, solve
+from processing.synthesis.exemplar import mean_angle
 from processing.synthesis.hole_detail import fill_detail
+from processing.synthesis.quilting import check_options
 from rig import Progress, no_progress, pluralize
 from rig.arrays import Bool, Float32
 
 _TOLERANCE = 1e-7
-_LEAST_PATCH = 6
 # The filter at the rim sees the continued shape; this often the shape is continued again.
 _ROUNDS = 3
 
@@ -63,12 +65,12 @@ class FilledHoles:
     @cached_property
     def detail_angle_deg(self) -> float:
         """Mean angle between the detail and z in the holes."""
-        return _mean_angle_deg(self.detail, self.holes)
+        return math.degrees(mean_angle(self.detail.normals[self.holes]))
 
     @cached_property
     def surroundings_angle_deg(self) -> float:
         """The same in the surroundings."""
-        return _mean_angle_deg(self.detail, self.surroundings)
+        return math.degrees(mean_angle(self.detail.normals[self.surroundings]))
 
 
 def fill_holes(
@@ -175,15 +177,7 @@ def _checked(normal_map: NormalMap, holes: Bool, patch: int, overlap: int, seed:
             f"the holes have {count} pixels, more than the {left} normals that are left: too few "
             "to continue"
         )
-    if patch < _LEAST_PATCH:
-        raise DataError(f"a patch of {patch} x {patch} pixels is too small: use {_LEAST_PATCH}")
-    if not 2 <= overlap <= patch // 3:
-        raise DataError(
-            f"an overlap of {overlap} pixels is out of range: patches of {patch} pixels overlap by "
-            f"2 to {patch // 3}"
-        )
-    if not 0 <= seed < 2**63:
-        raise DataError(f"a seed of {seed} is out of range: use 0 to 2^63 - 1")
+    check_options(patch, overlap, seed)
     touched = cv2.dilate(known.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3)))
     _, labels = cv2.connectedComponents(holes.astype(np.uint8), connectivity=4)
     alone = holes & ~np.isin(labels, labels[holes & (touched > 0)])
@@ -206,12 +200,6 @@ def _continued_shape(given: NormalMap, holes: Bool, shape_filter: ShapeFilter) -
     return shape
 
 
-def _mean_angle_deg(detail: NormalMap, part: Bool) -> float:
-    known = detail.normals[part]
-    angles = np.arctan2(np.hypot(known[:, 0], known[:, 1]), known[:, 2])
-    return math.degrees(float(np.mean(angles, dtype=np.float64)))
-
-
 def _harmonic_normals(normals: Float32, known: Bool, holes: Bool) -> Float32:
     """Continue unit vectors into holes, n_x and n_y as harmonic functions.
 
@@ -232,22 +220,13 @@ def _harmonic_normals(normals: Float32, known: Bool, holes: Bool) -> Float32:
     Float
         ``(H, W, 3)`` float32: `normals`, with unit vectors in the holes.
     """
-    rows, columns = np.flatnonzero(holes.any(axis=1)), np.flatnonzero(holes.any(axis=0))
-    box = (
-        slice(max(rows[0] - 1, 0), rows[-1] + 2),
-        slice(max(columns[0] - 1, 0), columns[-1] + 2),
-    )
-    continued = normals.copy()
-    continued[box] = _solved(normals[box], known[box], holes[box])
-    return continued
-
-
-def _solved(normals: Float32, known: Bool, holes: Bool) -> Float32:
-    inside, given = np.pad(holes, 1), np.pad(known, 1)
+    rows, columns = (slice(max(part.start - 1, 0), part.stop + 1) for part in bounding_box(holes))
+    box = rows, columns
+    inside, given = np.pad(holes[box], 1), np.pad(known[box], 1)
     right, down = np.zeros(inside.shape, np.float32), np.zeros(inside.shape, np.float32)
     right[:, :-1] = inside[:, :-1] & inside[:, 1:]
     down[:-1] = inside[:-1] & inside[1:]
-    fixed = np.pad(np.where(known[..., None], normals, 0), ((1, 1), (1, 1), (0, 0)))
+    fixed = np.pad(np.where(known[box][..., None], normals[box], 0), ((1, 1), (1, 1), (0, 0)))
     anchors, sums = np.zeros(inside.shape, np.float32), np.zeros((*inside.shape, 2))
     for axis, step in ((0, 1), (0, -1), (1, 1), (1, -1)):
         anchors += np.roll(given, step, axis) & inside
@@ -261,4 +240,6 @@ def _solved(normals: Float32, known: Bool, holes: Bool) -> Float32:
     z = np.sqrt(np.maximum(1 - x**2 - y**2, 0))
     vectors = np.dstack([x, y, z])
     vectors /= np.maximum(np.linalg.norm(vectors, axis=2, keepdims=True), 1e-30)
-    return np.where(holes[..., None], vectors, normals).astype(np.float32)
+    continued = normals.copy()
+    continued[holes] = vectors[holes[box]]
+    return continued

@@ -11,6 +11,7 @@ from acquisition import DataError
 from processing.maps.normal_map import NormalMap, check_normal_map
 from processing.synthesis.exemplar import prepare_exemplar
 from processing.synthesis.patch_search import GOLDEN, mixed, stream
+from processing.synthesis.quilting import check_seed
 from processing.synthesis.sheet_synthesis import Synthesis
 from rig import Progress, no_progress
 from rig.arrays import Bool, Float32, Int32
@@ -83,8 +84,7 @@ def efros_leung(
         raise DataError(f"a sheet of {width} x {height} pixels has no pixels")
     if patch < _FIRST or patch % 2 == 0:
         raise DataError(f"a neighbourhood of {patch} pixels is not odd, or less than {_FIRST}")
-    if not 0 <= seed < 2**63:
-        raise DataError(f"a seed of {seed} is out of range: use 0 to 2^63 - 1")
+    check_seed(seed)
     on_progress("preparing", 0, 1)
     made = prepare_exemplar(exemplar, patch, rotate=False, mirror=False)
     half, columns = patch // 2, exemplar.size[1]

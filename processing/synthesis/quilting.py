@@ -10,10 +10,8 @@ import numpy as np
 
 from acquisition import DataError
 from processing.detail.minimum_cuts import taken_pixels
-from processing.maps.normal_map import NormalMap
-from processing.synthesis.exemplar import Exemplar, prepare_exemplar
+from processing.synthesis.exemplar import Exemplar
 from processing.synthesis.patch_search import Bands, find_place, stream
-from processing.synthesis.strips import Begun, StripRange, strip_ranges
 from rig import in_threads
 from rig.arrays import Float32, Float64, Int32, Int64, UInt8
 from rig.kernels import INLINED
@@ -21,21 +19,12 @@ from rig.kernels import INLINED
 # Compiled in: processing/detail/minimum_cuts.py bb2f904075fe
 # Compiled in: processing/synthesis/patch_search.py 525035d142dc
 CANDIDATES = 2400
+# Rows of patches of a strip: as many threads can place patches of one diagonal.
+ROWS = 16
 # How strongly a class of patches that was used often is avoided.
 BALANCE = 1.0
 # A patch that touches another patch that it does not overlap would depend on the order.
 _LEAST_PATCH = 6
-
-
-def first_pixels(
-    size: tuple[int, int], patch: int, overlap: int, seed: int, *, tileable: bool
-) -> tuple[Int32, Int32]:
-    """Check the numbers of a sheet; return the first row and column of its patches."""
-    if min(size) < 1:
-        raise DataError(f"a sheet of {size[1]} x {size[0]} pixels has no pixels")
-    check_options(patch, overlap, seed)
-    rows, columns = (positions(length, patch, overlap, tileable) for length in size)
-    return rows, columns
 
 
 def overlap_of(patch: int, overlap: int | None) -> int:
@@ -52,6 +41,11 @@ def check_options(patch: int, overlap: int, seed: int) -> None:
             f"an overlap of {overlap} pixels is out of range: patches of {patch} pixels overlap by "
             f"2 to {patch // 3}"
         )
+    check_seed(seed)
+
+
+def check_seed(seed: int) -> None:
+    """Raise `DataError` if a seed of random numbers is out of range."""
     if not 0 <= seed < 2**63:
         raise DataError(f"a seed of {seed} is out of range: use 0 to 2^63 - 1")
 
@@ -68,6 +62,56 @@ def positions(length: int, patch: int, overlap: int, tileable: bool) -> Int32:
         )
     count = -(-length // stride)
     return (np.arange(count) * length // count).astype(np.int32)
+
+
+@dataclass(frozen=True)
+class StripRange:
+    """A part of a sheet in which some rows of patches are placed.
+
+    Parameters
+    ----------
+    first, last
+        Range of the rows of patches.
+    top, rows, done
+        First row of the sheet, number of rows, and how many of them the next strip leaves as they
+        are.
+    around
+        Number of rows at the end of the strip that are the first rows of the sheet.
+    """
+
+    first: int
+    last: int
+    top: int
+    rows: int
+    done: int
+    around: int
+
+
+def strip_ranges(tops: Int32, height: int, patch: int, *, wrapped: bool) -> list[StripRange]:
+    """Return the strips of a sheet from the top downwards.
+
+    Parameters
+    ----------
+    tops
+        First row of the sheet of each row of patches.
+    height
+        Rows of the sheet.
+    patch
+        Side of the patches.
+    wrapped
+        The last row of patches overlaps the first one. It is a strip of its own, which continues
+        with the first rows of the sheet.
+    """
+    count = len(tops) - wrapped
+    starts = [*range(0, count, ROWS), count] if wrapped else [*range(0, count, ROWS)]
+    ranges = []
+    for first, last in zip(starts, [*starts[1:], len(tops)], strict=True):
+        top, bottom = int(tops[first]), int(tops[last - 1]) + patch
+        around = max(bottom - height, 0) if wrapped else 0
+        rows = min(bottom, height) + around - top
+        done = (int(tops[last]) if last < len(tops) else height) - top
+        ranges.append(StripRange(first, last, top, rows, done, around))
+    return ranges
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,50 +139,26 @@ class Quilt:
     seed: int
     tileable: bool
 
-    @classmethod
-    def of(
-        cls,
-        exemplar: NormalMap,
-        size: tuple[int, int],
-        patch: int,
-        overlap: int | None,
-        seed: int,
-        *,
-        rotate: bool,
-        mirror: bool,
-        tileable: bool,
-    ) -> Quilt:
-        """Check the arguments of `synthesize` and prepare its exemplar."""
-        overlap = overlap_of(patch, overlap)
-        rows, columns = first_pixels(size, patch, overlap, seed, tileable=tileable)
-        made = prepare_exemplar(exemplar, patch, rotate=rotate, mirror=mirror)
-        return cls(made, size, rows, columns, patch, overlap, seed, tileable)
-
-    @property
-    def strips(self) -> list[StripRange]:
-        """The strips of the sheet."""
-        return strip_ranges(self.rows, self.size[0], self.patch, wrapped=self.tileable)
-
-    def nothing(self) -> Begun:
-        """Return the beginning of a sheet."""
-        return Begun.nothing(len(self.exemplar.shares), self.size[1])
-
     def fill_strip(
-        self, part: StripRange, begun: Begun
-    ) -> Generator[float, None, tuple[tuple[Float32, UInt8], Float64, int]]:
-        """Place the patches of a strip; yield the share that is done.
+        self, part: StripRange, sheet: Float32, labels: UInt8, uses: Float64, placed: int
+    ) -> Generator[float, None, int]:
+        """Place the patches of a strip; yield the share that is done, return their number.
 
-        Returned are the rows of the strip with their labels, the uses of the classes, and the
-        number of patches.
+        Parameters
+        ----------
+        part
+            The strip.
+        sheet, labels
+            Its rows, written.
+        uses, placed
+            Uses of each class, which are updated, and number of patches before.
         """
-        filled = begun.strip(part)
-        uses, placed = begun.uses.copy(), begun.placed
         groups = list(diagonals(part.last - part.first, len(self.columns), self.tileable))
         for number, patch_of in enumerate(groups, 1):
-            uses += self._place(*filled, part, patch_of, uses, placed)
+            uses += self._place(sheet, labels, part, patch_of, uses, placed)
             placed += len(patch_of)
             yield number / len(groups)
-        return filled, uses, placed
+        return placed
 
     def _place(
         self,

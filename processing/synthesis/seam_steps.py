@@ -3,40 +3,20 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numba
 import numpy as np
 
 from acquisition import MapRows
+from processing.detail.seam import SeamSteps
 from rig import in_threads
 from rig.arrays import AnyArray, Float32, Float64, Int64, UInt8
 from rig.kernels import PART
 
-# Steps are measured on at most this many rows and columns, in the middle.
-_MOST = 2048
+# Steps and figures are measured on at most this many rows and columns, in the middle.
+MOST = 2048
 # Rows that are read at once.
 _READ = 128
-
-
-class CutSteps(NamedTuple):
-    """Mean angles between neighbouring normals in degrees; NaN if there are no such neighbours.
-
-    Parameters
-    ----------
-    across_deg
-        Across cuts: the two pixels belong to different patches.
-    inside_deg
-        Inside patches.
-    """
-
-    across_deg: float
-    inside_deg: float
-
-    @property
-    def ratio(self) -> float:
-        """``across_deg / inside_deg``: up to about 1, no cut is visible."""
-        return self.across_deg / self.inside_deg if self.inside_deg else math.nan
 
 
 def part_in_middle(values: MapRows, rows: slice | None = None) -> AnyArray:
@@ -46,15 +26,13 @@ def part_in_middle(values: MapRows, rows: slice | None = None) -> AnyArray:
     """
     height, width = values.shape[:2]
     first, last, _ = (rows or slice(0, height)).indices(height)
-    y, x = first + max(0, last - first - _MOST) // 2, max(0, width - _MOST) // 2
-    last = min(y + _MOST, last)
-    parts = [
-        values[top : min(top + _READ, last)][:, x : x + _MOST] for top in range(y, last, _READ)
-    ]
+    y, x = first + max(0, last - first - MOST) // 2, max(0, width - MOST) // 2
+    last = min(y + MOST, last)
+    parts = [values[top : min(top + _READ, last)][:, x : x + MOST] for top in range(y, last, _READ)]
     return np.concatenate(parts)
 
 
-def cut_steps(normals: MapRows, labels: MapRows, *, wrapped: bool = False) -> CutSteps:
+def cut_steps(normals: MapRows, labels: MapRows, *, wrapped: bool = False) -> SeamSteps:
     """Measure the steps between pixels of the same and of different labels.
 
     Parameters
@@ -80,7 +58,7 @@ def cut_steps(normals: MapRows, labels: MapRows, *, wrapped: bool = False) -> Cu
     in_threads(_steps, rows, normals, labels, sums, counts)
     totals, numbers = sums.sum(axis=0), counts.sum(axis=0)
     means = [math.degrees(t / n) if n else math.nan for t, n in zip(totals, numbers, strict=True)]
-    return CutSteps(means[1], means[0])
+    return SeamSteps(means[1], means[0])
 
 
 @numba.njit(**PART)

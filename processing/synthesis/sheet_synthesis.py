@@ -12,22 +12,29 @@ import numpy as np
 
 from acquisition import DataError, MapRows
 from acquisition.files import Form, Maps, MapToFill
+from processing.detail.seam import SeamSteps
 from processing.maps.normal_map import NormalMap, check_normal_map
 from processing.stages.stage import Need, NormalRows, Size, Step, computed
-from processing.synthesis.exemplar import CLASSES
-from processing.synthesis.quilting import Quilt, first_pixels, overlap_of
-from processing.synthesis.seam_steps import CutSteps, cut_steps, part_in_middle
-from processing.synthesis.spectrum_match import KERNEL, filtered_bands, matching_kernel
-from processing.synthesis.strips import (
-    CORRECTED_ROWS,
+from processing.synthesis.exemplar import CLASSES, prepare_exemplar
+from processing.synthesis.quilting import (
     ROWS,
-    Begun,
+    Quilt,
     StripRange,
-    bands_with_margins,
+    check_options,
+    overlap_of,
+    positions,
     strip_ranges,
 )
+from processing.synthesis.seam_steps import cut_steps, part_in_middle
+from processing.synthesis.spectrum_match import (
+    CORRECTED_ROWS,
+    KERNEL,
+    bands_with_margins,
+    filtered_bands,
+    matching_kernel,
+)
 from rig import Progress, no_progress
-from rig.arrays import Float32, UInt8
+from rig.arrays import Float32, Int32, UInt8
 
 # Rows of the part in the middle in which steps are measured.
 _MEASURED = 1024
@@ -81,8 +88,16 @@ class SynthesisStage:
 
     def need(self, *sizes: Size) -> Need:
         """Return the memory for an exemplar of (height, width)."""
+        (exemplar,), (height, width) = sizes, self.size
         copies = (4 if self.rotate else 1) * (2 if self.mirror else 1)
-        return _memory_need(sizes[0], self.size, self.patch, self.overlap, copies)
+        outside = _FIXED + exemplar[0] * exemplar[1] * (_EXEMPLAR + _COPY * copies)
+        figures = _FIGURES * min(height * width, _MOST_FIGURES) // _MOST_FIGURES
+        whole = outside + figures + _SHEET * height * width
+        stride = self.patch - (self.patch // 4 if self.overlap is None else self.overlap)
+        strip = min(ROWS * stride + self.patch, height) * _OF_STRIP
+        band = min(CORRECTED_ROWS + _MARGIN, height) * _OF_BAND
+        least = outside + _ON_DISK * height * width + max(figures, width * max(strip, band))
+        return Need(whole, min(least, whole), f"a sheet of {width} x {height} pixels")
 
     def forms(self, *sizes: Size) -> Mapping[str, Form]:
         """Return shapes and types of the maps."""
@@ -104,25 +119,36 @@ class SynthesisStage:
             "kernel": ((KERNEL[0] + 1, KERNEL[1]), np.float32),
         }
 
+    @property
+    def _overlap(self) -> int:
+        return overlap_of(self.patch, self.overlap)
+
+    def _grid(self) -> tuple[Int32, Int32]:
+        """Check the numbers; return the first row and column of the patches."""
+        if min(self.size) < 1:
+            raise DataError(f"a sheet of {self.size[1]} x {self.size[0]} pixels has no pixels")
+        check_options(self.patch, self._overlap, self.seed)
+        rows, columns = (
+            positions(length, self.patch, self._overlap, self.tileable) for length in self.size
+        )
+        return rows, columns
+
     def _strips(self) -> list[StripRange]:
-        overlap = overlap_of(self.patch, self.overlap)
-        tops, _ = first_pixels(self.size, self.patch, overlap, self.seed, tileable=self.tileable)
-        return strip_ranges(tops, self.size[0], self.patch, wrapped=self.tileable)
+        return strip_ranges(self._grid()[0], self.size[0], self.patch, wrapped=self.tileable)
 
     def steps(self, maps: Maps, *inputs: NormalRows, memory: int | None = None) -> list[Step]:
         """Return the steps: quilting, softening of the cuts, and filtering."""
         (given,) = inputs
         exemplar = NormalMap(given.normals[:], given.mask)
-        quilt = Quilt.of(
-            exemplar, self.size, self.patch, self.overlap, self.seed,
-            rotate=self.rotate, mirror=self.mirror, tileable=self.tileable,
-        )  # fmt: skip
+        overlap, grid, strips = self._overlap, self._grid(), self._strips()
+        made = prepare_exemplar(exemplar, self.patch, rotate=self.rotate, mirror=self.mirror)
+        quilt = Quilt(made, self.size, *grid, self.patch, overlap, self.seed, self.tileable)
         height, wrapped = self.size[0], self.tileable
         sheet, labels = maps["sheet"], maps["labels"]
         softened = sheet if memory is None else maps["softened"]
 
-        def place(strips: slice) -> Iterator[float]:
-            yield from self._place(maps, quilt, strips.start)
+        def place(one: slice) -> Iterator[float]:
+            yield from self._place(maps, quilt, strips, one.start)
 
         def measure_steps(_: slice) -> None:
             maps["share"][0:1] = np.array([softening_share(sheet, labels)])
@@ -145,16 +171,16 @@ class SynthesisStage:
 
         count = -(-height // CORRECTED_ROWS)
         most = None if memory is None else 1
-        rows = ROWS * (self.patch - quilt.overlap)
+        rows = ROWS * (self.patch - overlap)
         return [
-            Step("place", len(quilt.strips), place, 1, rows),
+            Step("place", len(strips), place, 1, rows),
             Step("measure steps", 1, measure_steps),
             Step("soften", count, soften, most, CORRECTED_ROWS),
             Step("measure spectrum", 1, measure_spectrum),
             Step("filter", count, filter_sheet, most, CORRECTED_ROWS),
         ]
 
-    def cut_steps(self, maps: Mapping[str, MapRows]) -> CutSteps:
+    def cut_steps(self, maps: Mapping[str, MapRows]) -> SeamSteps:
         """Return the steps of `Synthesis.steps`."""
         return cut_steps(maps["sheet"], maps["labels"], wrapped=self.tileable)
 
@@ -163,47 +189,39 @@ class SynthesisStage:
         part: Float32 = part_in_middle(maps["sheet"])
         return NormalMap(part, np.ones(part.shape[:2], np.bool_))
 
-    def _place(self, maps: Maps, quilt: Quilt, strip: int) -> Iterator[float]:
-        """Place the patches of a strip; the state after it is in the maps."""
-        part, begun = quilt.strips[strip], self._begun(maps, quilt, strip)
-        filled, uses, placed = yield from quilt.fill_strip(part, begun)
-        after = begun.after(part, filled, maps["sheet"], maps["labels"], self.patch, uses, placed)
-        if not strip:
-            self._write_edge(maps, 2, after.upper, after.upper_labels)
-        self._write_edge(maps, strip % 2, after.normals, after.labels)
-        state = np.zeros((1, 1 + CLASSES))
-        state[0, 0], state[0, 1 : 1 + len(after.uses)] = after.placed, after.uses
-        maps["uses"][strip : strip + 1] = state
-
-    def _begun(self, maps: Maps, quilt: Quilt, strip: int) -> Begun:
-        """Return the sheet as it is before a strip."""
-        nothing = quilt.nothing()
-        if not strip:
-            return nothing
-        state = maps["uses"][strip - 1 : strip][0]
-        before = quilt.strips[strip - 1]
-        upper = min(self.patch, quilt.strips[0].done)
-        return Begun(
-            strip,
-            state[1 : 1 + len(nothing.uses)].copy(),
-            int(state[0]),
-            *self._edge(maps, (strip - 1) % 2, before.rows - before.done),
-            *self._edge(maps, 2, upper),
+    def _place(
+        self, maps: Maps, quilt: Quilt, strips: list[StripRange], number: int
+    ) -> Iterator[float]:
+        """Place the patches of a strip; what the next one begins with is in the maps."""
+        part, patch, width = strips[number], self.patch, self.size[1]
+        before, after, upper = (slot * patch for slot in ((number - 1) % 2, number % 2, 2))
+        normals = np.zeros((part.rows, width, 3), np.float32)
+        labels = np.zeros((part.rows, width), np.uint8)
+        both = (
+            (normals, maps["sheet"], maps["edges"]),
+            (labels, maps["labels"], maps["edge_labels"]),
         )
-
-    def _edge(self, maps: Maps, slot: int, rows: int) -> tuple[Float32, UInt8]:
-        part = slice(slot * self.patch, slot * self.patch + rows)
-        return maps["edges"][part], maps["edge_labels"][part]
-
-    def _write_edge(
-        self,
-        maps: Maps,
-        slot: int,
-        normals: Float32,
-        labels: UInt8,
-    ) -> None:
-        part = slice(slot * self.patch, slot * self.patch + len(labels))
-        maps["edges"][part], maps["edge_labels"][part] = normals, labels
+        uses, placed, known = np.zeros(len(quilt.exemplar.shares)), 0, 0
+        if number:
+            placed, *others = maps["uses"][number - 1 : number][0]
+            uses[:], placed = others[: len(uses)], int(placed)
+            known = strips[number - 1].rows - strips[number - 1].done
+        for filled, _, edge in both:
+            filled[:known] = edge[before : before + known]
+            if part.around:
+                filled[-part.around :] = edge[upper : upper + part.around]
+        placed = yield from quilt.fill_strip(part, normals, labels, uses, placed)
+        for filled, whole, edge in both:
+            whole[part.top : part.top + part.done] = filled[: part.done]
+            if part.around:
+                whole[: part.around] = filled[-part.around :]
+            if not number:
+                first = filled[: min(patch, part.done)]
+                edge[upper : upper + len(first)] = first
+            edge[after : after + part.rows - part.done] = filled[part.done :]
+        state = np.zeros((1, 1 + CLASSES))
+        state[0, : 1 + len(uses)] = placed, *uses
+        maps["uses"][number : number + 1] = state
 
     @staticmethod
     def _replace(
@@ -222,38 +240,6 @@ class SynthesisStage:
             height = before.shape[0]
             rows = slice(bands.start * CORRECTED_ROWS, min(bands.stop * CORRECTED_ROWS, height))
             after[rows] = before[rows]
-
-
-def _memory_need(exemplar: Size, size: Size, patch: int, overlap: int | None, copies: int) -> Need:
-    """Return the memory of a synthesis.
-
-    Parameters
-    ----------
-    exemplar, size
-        (height, width) of exemplar and sheet.
-    patch, overlap
-        As for `synthesize`.
-    copies
-        Number of turned and mirrored copies of the exemplar.
-    """
-    height, width = size
-    whole = _outside(exemplar, copies) + _figures(size) + _SHEET * height * width
-    stride = patch - (patch // 4 if overlap is None else overlap)
-    strip = min(ROWS * stride + patch, height) * _OF_STRIP
-    band = min(CORRECTED_ROWS + _MARGIN, height) * _OF_BAND
-    most = max(_figures(size), width * max(strip, band))
-    least = _outside(exemplar, copies) + _ON_DISK * height * width + most
-    return Need(whole, min(least, whole), f"a sheet of {width} x {height} pixels")
-
-
-def _outside(exemplar: tuple[int, int], copies: int) -> int:
-    """Return the bytes of what does not depend on the sheet."""
-    return _FIXED + exemplar[0] * exemplar[1] * (_EXEMPLAR + _COPY * copies)
-
-
-def _figures(size: tuple[int, int]) -> int:
-    """Return the bytes that the figures of a sheet need."""
-    return _FIGURES * min(size[0] * size[1], _MOST_FIGURES) // _MOST_FIGURES
 
 
 def softening_share(sheet: MapRows, labels: MapRows) -> float:
@@ -337,7 +323,7 @@ class Synthesis:
         return f"Synthesis({self.detail!r}, {used}{', tileable' if self.tileable else ''})"
 
     @cached_property
-    def steps(self) -> CutSteps:
+    def steps(self) -> SeamSteps:
         """Mean angles between neighbouring normals, across cuts and inside patches."""
         return cut_steps(self.detail.normals, self.labels, wrapped=self.tileable)
 

@@ -11,7 +11,7 @@ from scipy.fft import fftshift, irfft2, rfft2
 
 from acquisition import MapRows
 from processing.maps.normal_map import NormalMap
-from processing.synthesis.strips import bands_with_margins
+from processing.synthesis.exemplar import mean_angle, places_of
 from rig.arrays import Bool, Complex64, Float32, Float64, Floating, Int64
 
 BANDS = 16
@@ -31,6 +31,8 @@ _ROUNDS, _LEAST_POWER = 16, 1e-30
 _LEAST_GAIN, _MOST_GAIN = 0.003, 1.5
 # The mean angle of a sheet is measured on every eighth row.
 _SAMPLED, _ANGLE_ERROR, _MOST_STEEPER = 8, 0.04, 1.25
+# Rows of a sheet that are corrected at once.
+CORRECTED_ROWS = 512
 # Rows and columns of a filter.
 KERNEL = (2 * _REACH + 1, 2 * _REACH + 1)
 
@@ -61,11 +63,11 @@ def matching_kernel(sheet: MapRows, exemplar: NormalMap) -> Float32 | None:
     if not block or min(height, width) < _LEAST_SIDE:
         return None
     # Bands as narrow as the frequencies of a block.
-    powers = np.maximum(_band_powers(exemplar, block, block // 2), _LEAST_POWER)
+    powers = np.maximum(band_powers(exemplar, block, block // 2), _LEAST_POWER)
     wanted, spread = powers.mean(axis=0), powers.std(axis=0) / powers.mean(axis=0)
     has, waves, upright = _measured(sheet, block)
-    sampled = [_mean_angle(sheet[row : row + 1]) for row in range(0, sheet.shape[0], _SAMPLED)]
-    steeper = _mean_angle(exemplar.normals[exemplar.mask]) / float(np.mean(sampled))
+    sampled = [mean_angle(sheet[row : row + 1]) for row in range(0, sheet.shape[0], _SAMPLED)]
+    steeper = mean_angle(exemplar.normals[exemplar.mask]) / float(np.mean(sampled))
     stronger = np.sqrt(_total(wanted, block) / _total(has, block))
     # The angle is that of the complete mask, the power only that of blocks inside.
     factor = np.clip(stronger, (1 - _ANGLE_ERROR) * steeper, (1 + _ANGLE_ERROR) * steeper)
@@ -82,11 +84,6 @@ def matching_kernel(sheet: MapRows, exemplar: NormalMap) -> Float32 | None:
 def _total(powers: Float64, block: int) -> float:
     """Return the power of all bands."""
     return float(powers @ _band_counts(block, len(powers)))
-
-
-def _mean_angle(vectors: Float32) -> float:
-    slopes = np.hypot(vectors[..., 0], vectors[..., 1])
-    return float(np.mean(np.arctan2(slopes, vectors[..., 2]), dtype=np.float64))
 
 
 def _measured(sheet: MapRows, block: int) -> tuple[Float64, Complex64, Float32]:
@@ -193,6 +190,43 @@ def filtered_bands(
         yield rows, part
 
 
+def bands_with_margins(
+    sheet: MapRows, reach: int, *, wrapped: bool, begin: int = 0
+) -> Iterator[tuple[slice, Float32]]:
+    """Yield bands of rows, with the rows above and below that a correction needs.
+
+    The sheet may be replaced band by band with what is computed of them.
+
+    Parameters
+    ----------
+    sheet
+        The sheet to correct.
+    reach
+        Number of rows above and below.
+    wrapped
+        Whether the last row continues at the first; otherwise the sheet continues with its
+        reflection.
+    begin
+        The first band; if it is not 0, the sheet is not replaced.
+    """
+    height = sheet.shape[0]
+    # Copies of rows that are replaced before they are read.
+    upper, lower = sheet[: reach + 1].copy(), sheet[max(height - reach - 1, 0) : height].copy()
+    above = lower[1:] if wrapped else upper[:0:-1]
+    beyond = upper[:-1] if wrapped else lower[-2::-1]
+    if not len(above):  # a sheet of one row
+        above = beyond = upper
+    first = begin * CORRECTED_ROWS
+    if begin:
+        above = sheet[first - reach : first]
+    for top in range(first, height, CORRECTED_ROWS):
+        last = min(top + CORRECTED_ROWS, height)
+        below = np.concatenate([sheet[last : min(last + reach, height)], beyond])[:reach]
+        band = np.concatenate([above, sheet[top:last], below])
+        above = band[len(band) - 2 * reach : len(band) - reach].copy()
+        yield slice(top, last), band
+
+
 def block_side(*masks: Bool) -> int:
     """Return the largest side of blocks of which some fit into each mask; 0 if none do."""
     return next((b for b in _BLOCKS if all(len(_blocks(mask, b)) for mask in masks)), 0)
@@ -200,29 +234,11 @@ def block_side(*masks: Bool) -> int:
 
 def _blocks(mask: Bool, block: int) -> Int64:
     """Return the first pixels ``(n, 2)`` of the overlapping blocks that lie inside a mask."""
-    rows, columns = mask.shape
-    if min(rows, columns) < block:
-        return np.zeros((0, 2), np.int64)
-    holes = np.zeros((rows + 1, columns + 1), np.int32)
-    np.cumsum(np.cumsum(~mask, axis=0, dtype=np.int32), axis=1, out=holes[1:, 1:])
-    inside = holes[block:, block:] - holes[:-block, block:]
-    inside += holes[:-block, :-block] - holes[block:, :-block]
     step = block // 4
-    return np.argwhere(inside[::step, ::step] == 0) * step
+    return np.argwhere(places_of(mask, block)[::step, ::step]) * step
 
 
-def band_power(part: NormalMap, block: int) -> Float64:
-    """Return the mean power ``(bands,)`` of n_x and n_y in 16 radial bands of frequency.
-
-    Parameters
-    ----------
-    part, block
-        As for `_band_powers`.
-    """
-    return np.asarray(_band_powers(part, block, BANDS).mean(axis=0))
-
-
-def _band_powers(part: NormalMap, block: int, bands: int) -> Float64:
+def band_powers(part: NormalMap, block: int, bands: int) -> Float64:
     """Return the power of n_x and n_y in radial bands of frequency, for blocks all over a map.
 
     Parameters

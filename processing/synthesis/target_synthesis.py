@@ -13,17 +13,20 @@ from scipy.ndimage import distance_transform_edt
 
 from acquisition import DataError
 from processing.curvatures.slopes import curvature
+from processing.detail.seam import SeamSteps
+from processing.maps.mask import bounding_box
 from processing.maps.normal_map import NormalMap, check_normal_map
-from processing.synthesis.exemplar import Exemplar, prepare_exemplar
+from processing.synthesis.exemplar import Exemplar, padded, prepare_exemplar, turns
 from processing.synthesis.footprint_search import Places
 from processing.synthesis.quilting import (
     BALANCE,
     CANDIDATES,
     check_options,
     diagonals,
+    overlap_of,
     positions,
 )
-from processing.synthesis.seam_steps import CutSteps, cut_steps
+from processing.synthesis.seam_steps import cut_steps
 from processing.synthesis.warped_kernels import place_warped
 from rig import Progress, in_threads, no_progress
 from rig.arrays import Bool, Float32, Float64, UInt8
@@ -135,7 +138,7 @@ class TargetSynthesis:
         return f"TargetSynthesis({self.detail!r}, {used})"
 
     @cached_property
-    def steps(self) -> CutSteps:
+    def steps(self) -> SeamSteps:
         """Mean angles between neighbouring normals, across cuts and inside patches."""
         return cut_steps(self.detail.normals, self.labels)
 
@@ -230,11 +233,11 @@ def synthesize_onto(
     """
     check_normal_map("exemplar", exemplar)
     check_normal_map("shape", shape)
-    overlap = max(patch // 4, 2) if overlap is None else overlap
+    overlap = overlap_of(patch, overlap)
     check_options(patch, overlap, seed)
     on_progress("preparing", 0, 1)
     pair = _guide_pair(guide, exemplar_guide, guide_weight, shape.mask, exemplar.mask)
-    window = _bounding_box(shape.mask)
+    window = bounding_box(shape.mask)
     mask = shape.mask[window]
     part = NormalMap.of_unit_vectors(shape.normals[window], mask)
     turned = None
@@ -242,7 +245,15 @@ def synthesize_onto(
         turned = _curvature_direction_deg(part, patch)
     elif direction_deg is not None:
         turned = _checked_map("direction map", direction_deg, shape.mask)[window]
-    sizes = None if scale is None else _checked_scale(scale, shape.mask)[window]
+    sizes = None
+    if scale is not None:
+        sizes = _checked_map("scale map", scale, shape.mask)[window]
+        least, most = float(sizes.min()), float(sizes.max())
+        if least < _LEAST_SCALE or most > _MOST_SCALE:
+            raise DataError(
+                f"the scale map has values from {least:.3g} to {most:.3g}: use {_LEAST_SCALE:g} to "
+                f"{_MOST_SCALE:g}"
+            )
     field = _pattern_field(part, image_space=image_space, direction_deg=turned, scale=sizes)
     made = prepare_exemplar(exemplar, patch, rotate=rotate, mirror=mirror)
     places, aim = _places(made), np.zeros((0, 0), np.float32)
@@ -262,19 +273,13 @@ def synthesize_onto(
 
 
 def _places(exemplar: Exemplar) -> Places:
-    outside = np.all(exemplar.vectors == 0, axis=-1)
-    holes = np.zeros(tuple(np.add(outside.shape, (0, 1, 1))), np.int32)
-    holes[:, 1:, 1:] = np.cumsum(np.cumsum(outside, axis=1, dtype=np.int32), axis=2)
+    outside = np.all(exemplar.vectors == 0, axis=-1).astype(np.uint8)
+    holes = np.stack([np.asarray(cv2.integral(copy), np.int32) for copy in outside])
     slopes, penalty = exemplar.slopes.reshape(-1, 2), np.ones(len(exemplar.shares))
     return Places(
         exemplar.vectors, slopes, exemplar.classes, exemplar.starts, holes, penalty,
         exemplar.mean_energy, np.zeros(0, np.float32),
     )  # fmt: skip
-
-
-def _bounding_box(mask: Bool) -> tuple[slice, slice]:
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
 
 
 def _fill(
@@ -356,23 +361,6 @@ def _checked_map(name: str, values: npt.ArrayLike, mask: Bool) -> Float32:
     return np.asarray(array.astype(np.float32)[y, x])
 
 
-def _checked_scale(values: npt.ArrayLike, mask: Bool) -> Float32:
-    """Return a map of scales.
-
-    Raises
-    ------
-    DataError
-        Also if a scale is out of range.
-    """
-    scale = _checked_map("scale map", values, mask)
-    if scale.min() < _LEAST_SCALE or scale.max() > _MOST_SCALE:
-        raise DataError(
-            f"the scale map has values from {scale.min():.3g} to {scale.max():.3g}: use "
-            f"{_LEAST_SCALE:g} to {_MOST_SCALE:g}"
-        )
-    return scale
-
-
 def _guide_pair(
     guide: npt.ArrayLike | None,
     exemplar_guide: npt.ArrayLike | None,
@@ -405,16 +393,10 @@ def _guide_pair(
 
 def _guide_copies(guide: Float32, *, rotate: bool, mirror: bool) -> Float32:
     """Return the guide of an exemplar for its copies, in the order of `prepare_exemplar`."""
-    height, width = guide.shape
-    side = (max(height, width), max(height, width)) if rotate else (height, width)
-    copies = []
-    for quarter in range(4 if rotate else 1):
-        for flip in (False, True) if mirror else (False,):
-            turned = np.rot90(guide, quarter)
-            turned = turned[:, ::-1] if flip else turned
-            copies.append(np.zeros(side, np.float32))
-            copies[-1][: turned.shape[0], : turned.shape[1]] = turned
-    return np.stack(copies).ravel()
+    turned = [
+        np.rot90(guide, quarter)[:, :: -1 if flip else 1] for quarter, flip in turns(rotate, mirror)
+    ]
+    return padded(turned, 0).ravel()
 
 
 def _curvature_direction_deg(shape: NormalMap, patch: int) -> Float32:

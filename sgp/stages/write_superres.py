@@ -42,7 +42,7 @@ def write_superres_maps(out: Path, made: processing.SuperResolution) -> dict[str
 def measure_superres(made: processing.SuperResolution, result: Result) -> None:
     """Add the figures and the summary."""
     height, width = made.mask.shape
-    sigma = made.median_sigma_deg
+    sigma, model = made.median_sigma_deg, made.stage.model
     metrics: SuperresMetrics = {
         "width": width,
         "height": height,
@@ -50,12 +50,12 @@ def measure_superres(made: processing.SuperResolution, result: Result) -> None:
         "invented_share": made.invented_share,
         "added_deg": made.mean_added_deg,
         "normal_sigma_deg": None if np.isnan(sigma) else sigma,
-        "model_sha256": None if made.model is None else made.model.sha256,
+        "model_sha256": None if model is None else model.sha256,
     }
     result.metrics = metrics
-    by = "bicubic interpolation" if made.model is None else f"{made.model.name} ({made.method})"
+    by = "bicubic interpolation" if model is None else f"{model.name} ({model.domain})"
     result.summary = [f"{width} x {height} pixels, {metrics['pixels']} on the object, by {by}"]
-    if made.model is not None:
+    if model is not None:
         result.summary += [
             f"added          {made.mean_added_deg:.2f} deg on average to an interpolation, "
             f"{made.invented_share:.1%} of the detail",
@@ -67,7 +67,7 @@ def write_superres_picture(
     path: Path, name: str, made: processing.SuperResolution, low: processing.stages.NormalRows
 ) -> None:
     """Draw the part to which most was added at its own resolution, and the maps."""
-    mask, maps, scale = made.mask, made.maps, made.scale
+    mask, maps, scale = made.mask, made.maps, made.stage.scale
     rows, columns = _part(maps["added_deg"], mask, scale)
     coarse = Crop(
         slice(rows.start // scale, rows.stop // scale),
@@ -96,7 +96,7 @@ def _interpolated(
     made: processing.SuperResolution, low: processing.stages.NormalRows, part: Crop
 ) -> tuple[processing.NormalMap, Crop]:
     """Return the bicubic interpolation of the surroundings of a part, and the part in it."""
-    scale = made.scale
+    scale = made.stage.scale
     rows, columns = (
         slice(max(span.start - _AROUND_PX, 0), min(span.stop + _AROUND_PX, length))
         for span, length in zip((part.rows, part.columns), low.mask.shape, strict=True)

@@ -41,7 +41,7 @@ class Synthesised:
     mask: Bool
     measured: processing.NormalMap
     patch: int
-    steps: processing.synthesis.CutSteps
+    steps: processing.detail.SeamSteps
 
     @classmethod
     def in_memory(
@@ -83,11 +83,11 @@ def measure_texture(
         f"{_text(figures.exemplar_spectrum_distance)})",
         f"repeat score   {_text(figures.repeat_score)} (exemplar "
         f"{_text(figures.exemplar_repeat_score)})",
-        f"steps          {_text(steps.across_deg)} deg across cuts, {_text(steps.inside_deg)} "
+        f"steps          {_text(steps.seam_deg)} deg across cuts, {_text(steps.interior_deg)} "
         "inside patches",
     ]
     return figures_of(
-        SynthesisMetrics, figures, cut_step_deg=steps.across_deg, inside_step_deg=steps.inside_deg
+        SynthesisMetrics, figures, cut_step_deg=steps.seam_deg, inside_step_deg=steps.interior_deg
     )
 
 

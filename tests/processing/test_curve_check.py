@@ -12,6 +12,7 @@ import pytest
 from acquisition import LINEAR, SRGB, CameraModel, Frame, Lights, Source, TransferCurve
 from processing import reconstruct
 from simulator import SCENES, render, scene_named
+from tests.processing.scenes import sunflower
 from tests.quick_sample import quick
 
 SIZE = 64
@@ -19,11 +20,7 @@ WHITE = 255
 
 
 def dome(count: int = 12) -> Lights:
-    around = np.arange(count) * 2.4
-    out = np.sqrt((np.arange(count) + 0.5) / count)
-    return Lights(
-        directions=np.stack([out * np.cos(around), out * np.sin(around), 0.8 + 0 * out], 1)
-    )
+    return Lights(sunflower(count, 0.8))
 
 
 def ball() -> tuple[np.ndarray, np.ndarray]:

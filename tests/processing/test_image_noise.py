@@ -9,6 +9,7 @@ from processing import photometric_stereo
 from processing.stereo.frames import Frames
 from processing.stereo.image_noise import _not_negative, law_of_images
 from processing.stereo.light_model import LightModel
+from tests.processing.scenes import dome, half_ball
 
 COUNT = 24
 
@@ -18,10 +19,7 @@ def scene():
     """Return normals, directions, signal and albedo of a cap without shadows."""
     y, x = np.mgrid[1 : -1 : 60 * 1j, -1 : 1 : 60 * 1j] * 0.4
     normals = np.stack([x, y, np.sqrt(1 - x * x - y * y)], axis=-1)
-    z = np.linspace(0.97, 0.7, COUNT)
-    turn = np.arange(COUNT) * np.pi * (3 - np.sqrt(5))
-    r = np.sqrt(1 - z * z)
-    directions = np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)
+    directions = dome(COUNT, 0.97, 0.7)
     albedo = 0.5 + 0.3 * np.sin(x * 40)
     return normals, directions, albedo * np.einsum("nc,hwc->nhw", directions, normals), albedo
 
@@ -60,14 +58,9 @@ def test_few_lights_show_the_law_as_well(scene):
 
 def test_the_noise_of_bright_samples_is_not_that_of_dark_ones():
     """Least squares of 6 samples spread it; taken for that of each sample, slopes are .3 to .5."""
-    y, x = np.mgrid[1 : -1 : 100 * 1j, -1 : 1 : 100 * 1j]
-    mask = np.hypot(x, y) < 0.95
-    normals = np.stack([x, y, np.sqrt(np.clip(1 - x * x - y * y, 0, None))])
-    z = np.linspace(0.98, 0.35, 6)
-    turn = np.arange(6) * np.pi * (3 - np.sqrt(5))
-    r = np.sqrt(1 - z * z)
-    lights = Lights(np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1))
-    images = 0.7 * np.clip(np.tensordot(lights.unit_directions, normals, 1), 0, None)
+    normals, mask = half_ball(100)
+    lights = Lights(dome(6))
+    images = 0.7 * np.clip(np.tensordot(lights.unit_directions, normals, (1, 2)), 0, None)
     slope, floor = 1e-4, 2.5e-7
     slopes = []
     for seed in range(54, 60):

@@ -10,24 +10,12 @@ from calibration import EstimateError
 from processing import angular_error, photometric_stereo
 from processing.checks import light_strengths
 from processing.checks.strength_fit import solve_normals, strength_information
+from tests.processing.scenes import dome, half_ball
 
 SIZE = 40
 
 
-def dome(count: int, lowest: float = 0.4) -> np.ndarray:
-    turn = np.arange(count) * np.pi * (3 - np.sqrt(5))
-    z = np.linspace(0.95, lowest, count)
-    r = np.sqrt(1 - z * z)
-    return np.stack([r * np.cos(turn), r * np.sin(turn), z], 1)
-
-
-def ball() -> tuple[np.ndarray, np.ndarray]:
-    y, x = np.mgrid[1 : -1 : SIZE * 1j, -1 : 1 : SIZE * 1j]
-    z = np.sqrt(np.clip(1 - x * x - y * y, 0, None))
-    return np.dstack([x, y, z]), np.hypot(x, y) < 0.95
-
-
-NORMALS, MASK = ball()
+NORMALS, MASK = half_ball(SIZE)
 FLAT = np.zeros_like(NORMALS) + np.array([0.1, 0.2, np.sqrt(0.95)])
 
 
@@ -53,7 +41,7 @@ def seen(
 
 def test_a_surface_that_is_not_matte_is_named() -> None:
     rng = np.random.default_rng(7)
-    lights = Lights(directions=dome(24))
+    lights = Lights(directions=dome(24, 0.95, 0.4))
     matte = seen(lights.unit_directions, np.ones(24), rng)
     halves = lights.unit_directions + np.array([0, 0, 1])
     halves /= np.linalg.norm(halves, axis=1, keepdims=True)
@@ -71,7 +59,7 @@ def test_errors_agree_with_the_standard_deviations(count: int) -> None:
     ratios = []
     for seed in range(8):
         rng = np.random.default_rng([seed, count])
-        factors, lights = strengths(count, rng), Lights(directions=dome(count))
+        factors, lights = strengths(count, rng), Lights(directions=dome(count, 0.95, 0.4))
         found = light_strengths(seen(lights.unit_directions, factors, rng), lights, MASK)
         ratios.append(np.log(found.factors / factors) / found.sigmas)
         assert np.exp(np.log(found.factors).mean()) == pytest.approx(1)
@@ -85,7 +73,7 @@ def test_errors_agree_with_the_standard_deviations(count: int) -> None:
 def test_given_intensities_are_multiplied_and_the_normals_follow() -> None:
     rng = np.random.default_rng(3)
     factors = strengths(12, rng)
-    lights = Lights(directions=dome(12), intensities=np.linspace(1, 3, 12))
+    lights = Lights(directions=dome(12, 0.95, 0.4), intensities=np.linspace(1, 3, 12))
     values = seen(lights.unit_directions, factors, rng)
     found = light_strengths(values, lights, MASK)
     np.testing.assert_allclose(
@@ -101,7 +89,7 @@ def test_given_intensities_are_multiplied_and_the_normals_follow() -> None:
 
 def test_strengths_of_near_lights() -> None:
     rng = np.random.default_rng(4)
-    lights = Lights(positions_mm=200 * dome(16), mu=np.ones(16))
+    lights = Lights(positions_mm=200 * dome(16, 0.95, 0.4), mu=np.ones(16))
     y, x = np.mgrid[40 : -40 : SIZE * 1j, -40 : 40 : SIZE * 1j]
     points = np.dstack([x, y, 0 * x])
     factors = strengths(16, rng, 0.3)
@@ -112,7 +100,7 @@ def test_strengths_of_near_lights() -> None:
 
 def test_highlights_and_a_moved_light_change_the_others_little() -> None:
     rng = np.random.default_rng(5)
-    factors, lights = strengths(24, rng), Lights(directions=dome(24))
+    factors, lights = strengths(24, rng), Lights(directions=dome(24, 0.95, 0.4))
     values = seen(lights.unit_directions, factors, rng)
     half = lights.unit_directions + np.array([0, 0, 1])
     half /= np.linalg.norm(half, axis=1, keepdims=True)
@@ -129,7 +117,7 @@ REFUSED = {
     "three lights": (RING[:3], NORMALS, "fewer than 4"),
     "a row and one light": (np.vstack([ROW, [[0, 1, 1]]]), NORMALS, "without L07"),
     "a row": (ROW, NORMALS, "in one plane"),
-    "a plane": (dome(12), FLAT, "too flat"),
+    "a plane": (dome(12, 0.95, 0.4), FLAT, "too flat"),
 }
 
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -14,22 +15,14 @@ from processing import NormalMap, ShapeFilter, read_normals, separate, transfer_
 from processing.detail import Pose, Similarity
 from processing.detail.seam import _membrane, blend_detail, seam_of, seam_steps
 from rig.arrays import Bool, Float64
+from tests.processing import scenes
+from tests.processing.scenes import ball
 from tests.quick_sample import quick
 
 needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
 
 
-def relief(seed: int, size: tuple[int, int], slope: float = 3.0) -> NormalMap:
-    rng = np.random.default_rng(seed)
-    height = cv2.GaussianBlur(rng.normal(size=size), (0, 0), 1.5)
-    dy, dx = np.gradient(height)
-    return NormalMap.from_vectors(np.stack([-slope * dx, slope * dy, np.ones(size)], axis=2))
-
-
-def ball(size: int = 120) -> NormalMap:
-    y, x = np.mgrid[1 : -1 : size * 1j, -1 : 1 : size * 1j]
-    z = np.sqrt(np.maximum(1.6 - x**2 - y**2, 0))
-    return NormalMap.from_vectors(np.stack([x, y, z], axis=2), x**2 + y**2 < 0.8)
+relief = partial(scenes.relief, blur_px=1.5)
 
 
 def ellipse(size: tuple[int, int], x: float, y: float, a: float, b: float) -> Bool:

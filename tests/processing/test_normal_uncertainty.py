@@ -14,6 +14,7 @@ from processing.noise.light_table import light_table, near_variances
 from processing.noise.normal_errors import in_degrees
 from processing.noise.pixel_variances import kinds_of
 from processing.stereo import METHODS
+from tests.processing.scenes import dome, half_ball
 from tests.quick_sample import quick
 
 SLOPE, FLOOR = 1e-4, 2.5e-7
@@ -24,17 +25,8 @@ def law(count=COUNT):
     return StackNoise.of_one_exposure(SLOPE, FLOOR, count)
 
 
-def dome(count=COUNT):
-    z = np.linspace(0.97, 0.4, count)
-    turn = np.arange(count) * np.pi * (3 - np.sqrt(5))
-    r = np.sqrt(1 - z * z)
-    return Lights(np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1))
-
-
-def ball(size):
-    y, x = np.mgrid[1 : -1 : size * 1j, -1 : 1 : size * 1j]
-    normals = np.stack([x, y, np.sqrt(np.clip(1 - x * x - y * y, 0, None))], axis=-1)
-    return normals, np.hypot(x, y) < 0.9
+def lights_of(count=COUNT):
+    return Lights(dome(count, 0.97, 0.4))
 
 
 def noisy(images, seed):
@@ -45,8 +37,8 @@ def noisy(images, seed):
 @pytest.fixture(scope="module")
 def shadowed():
     """Return lights, normals, mask, images and cast shadows of a ball."""
-    normals, mask = ball(56)
-    lights = dome()
+    normals, mask = half_ball(56, 0.9)
+    lights = lights_of()
     shading = np.clip(np.einsum("nc,hwc->nhw", lights.unit_directions, normals), 0, None)
     rng = np.random.default_rng(90)
     blocked = rng.uniform(size=shading.shape) < rng.uniform(0, 0.3, mask.shape)
@@ -137,8 +129,8 @@ def draws(lights, spread, intensity, rng):
 
 @pytest.mark.parametrize("known", quick([True, False], every=2), ids=["known", "unknown"])
 def test_errors_of_the_lights_are_predicted(known):
-    normals, mask = ball(20)
-    lights = dome()
+    normals, mask = half_ball(20, 0.9)
+    lights = lights_of()
     images = 0.6 * np.clip(np.einsum("nc,hwc->nhw", lights.unit_directions, normals), 0, None)
     rng = np.random.default_rng(93)
     error, sigma, common = [], [], []
@@ -214,7 +206,7 @@ def test_an_error_of_the_height_turns_normals_as_predicted():
     camera = CameraModel(
         np.array([[90.0, 0, 11.5], [0, 90, 9.5], [0, 0, 1]]), 24, 20, working_distance_mm=600
     )
-    away = dome(16).unit_directions * 450
+    away = lights_of(16).unit_directions * 450
     lights = Lights(positions_mm=away)
     normals = np.broadcast_to([0.1, 0.0, np.sqrt(0.99)], (*size, 3))
     points = camera.points_at(np.full(size, 580.0))
@@ -266,8 +258,8 @@ def test_a_pixel_is_invalid_for_a_reason():
 @pytest.fixture(scope="module")
 def glossy():
     """Return lights, normals, mask, and images of a matte and of a glossy ball."""
-    normals, mask = ball(72)
-    lights = dome()
+    normals, mask = half_ball(72, 0.9)
+    lights = lights_of()
     vectors = lights.unit_directions
     half = vectors + np.array([0, 0, 1])
     half /= np.linalg.norm(half, axis=1, keepdims=True)
@@ -299,7 +291,7 @@ def test_errors_by_gloss_are_not_far_below_the_actual_ones(glossy, known):
 
 
 def test_three_images_show_no_noise():
-    lights = dome(3)
+    lights = lights_of(3)
     values = np.full((3, 4, 5), 0.4)
     stereo = photometric_stereo(values, lights, np.ones((4, 5), bool))
     found = normal_uncertainty(values, lights, np.ones((4, 5), bool), stereo)
@@ -331,7 +323,7 @@ def test_what_does_not_fit_is_refused(shadowed, values, count, text):
     lights, _, mask, images, _ = shadowed
     stereo = photometric_stereo(images, lights, mask)
     with pytest.raises(DataError, match=text):
-        normal_uncertainty(np.ones(values), dome(count), mask, stereo)
+        normal_uncertainty(np.ones(values), lights_of(count), mask, stereo)
 
 
 def test_no_direction_is_less_certain_than_a_uniform_one():

@@ -9,19 +9,7 @@ from calibration import StackNoise
 from processing import photometric_stereo
 from simulator.scene import Ggx
 from simulator.scene.reflectance import reflectance
-
-
-def _dome(count, lowest=0.35):
-    z = np.linspace(0.98, lowest, count)
-    turn = np.arange(count) * np.pi * (3 - np.sqrt(5))
-    r = np.sqrt(1 - z * z)
-    return np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)
-
-
-def _ball(size=33):
-    y, x = np.mgrid[1 : -1 : size * 1j, -1 : 1 : size * 1j]
-    z = np.sqrt(np.clip(1 - x * x - y * y, 0, None))
-    return np.stack([x, y, z], axis=-1), np.hypot(x, y) < 0.95
+from tests.processing.scenes import dome, half_ball
 
 
 def _errors(values, directions, normals, mask, *methods, **options):
@@ -62,8 +50,8 @@ def _one_side_dark(cosine, directions):
     ],
 )
 def test_a_glossy_ball_is_better_than_with_the_other_methods(material, share):
-    normals, mask = _ball()
-    directions = _dome(36)
+    normals, mask = half_ball(33)
+    directions = dome(36)
     albedo = 0.0 if material.f0 > 0.5 else 0.2
     cosine = np.einsum("nc,hwc->nhw", directions, normals)
     values = np.clip(cosine, 0, None) * reflectance(
@@ -77,8 +65,8 @@ def test_a_glossy_ball_is_better_than_with_the_other_methods(material, share):
 
 @pytest.mark.parametrize("wrap", [0.3, 0.6])
 def test_a_translucent_ball_is_not_worse_than_with_the_other_methods(wrap):
-    normals, mask = _ball()
-    directions = _dome(36)
+    normals, mask = half_ball(33)
+    directions = dome(36)
     values = _translucent(np.einsum("nc,hwc->nhw", directions, normals), wrap)
     ls, cauchy, best = _errors(
         _noisy(values, 22), directions, normals, mask, "ls", "cauchy", "best"
@@ -88,9 +76,9 @@ def test_a_translucent_ball_is_not_worse_than_with_the_other_methods(wrap):
 
 @pytest.mark.parametrize("near", [False, True], ids=["distant", "near"])
 def test_half_of_the_lights_in_cast_shadow(near):
-    normals, mask = _ball()
+    normals, mask = half_ball(33)
     mask &= normals[..., 2] > 0.5
-    directions = _dome(36)
+    directions = dome(36)
     cosine = np.einsum("nc,hwc->nhw", directions, normals)
     values = _noisy(_one_side_dark(cosine, directions), 23)
     if near:
@@ -107,9 +95,9 @@ def test_half_of_the_lights_in_cast_shadow(near):
 
 
 def test_exact_data_of_the_model_gives_exact_normals_and_albedo():
-    normals, mask = _ball()
+    normals, mask = half_ball(33)
     mask &= normals[..., 2] > 0.5
-    directions = _dome(24, lowest=0.6)
+    directions = dome(24, lowest=0.6)
     half = directions + np.array([0.0, 0, 1])
     half /= np.linalg.norm(half, axis=1, keepdims=True)
     lobe = np.einsum("nc,hwc->nhw", half, normals) ** 2
@@ -125,9 +113,9 @@ def test_exact_data_of_the_model_gives_exact_normals_and_albedo():
 
 @pytest.mark.parametrize("count", [3, 4, 6, 11])
 def test_few_lights_are_solved_as_by_cauchy(count):
-    normals, mask = _ball()
+    normals, mask = half_ball(33)
     mask &= normals[..., 2] > 0.6
-    directions = _dome(count)
+    directions = dome(count)
     values = _noisy(np.clip(np.einsum("nc,hwc->nhw", directions, normals), 0, None), 24)
     cauchy, best = (
         photometric_stereo(values, Lights(directions), mask, method=method).normal_map.normals
@@ -138,8 +126,8 @@ def test_few_lights_are_solved_as_by_cauchy(count):
 
 @pytest.mark.parametrize("count", [12, 16, 24])
 def test_a_dozen_lights_or_two_are_not_worse_than_with_cauchy(count):
-    normals, mask = _ball()
-    directions = _dome(count)
+    normals, mask = half_ball(33)
+    directions = dome(count)
     values = np.clip(np.einsum("nc,hwc->nhw", directions, normals), 0, None) * reflectance(
         Ggx(0.3, 0.04), 0.3, normals, directions[:, None, None], np.array([0.0, 0, 1])
     )
@@ -149,7 +137,7 @@ def test_a_dozen_lights_or_two_are_not_worse_than_with_cauchy(count):
 
 def test_normals_turn_with_the_scene_about_the_optical_axis():
     rng = np.random.default_rng(26)
-    directions = _dome(20)
+    directions = dome(20)
     values = rng.uniform(0, 1, (20, 8, 8))
     turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     mask = np.ones((8, 8), bool)
@@ -165,7 +153,7 @@ def test_results_do_not_depend_on_blocks_threads_or_neighbours():
     rng = np.random.default_rng(27)
     values = rng.uniform(0, 1, (18, 40, 31)).astype(np.float32)
     values[rng.uniform(size=values.shape) < 0.05] = np.nan
-    lights, mask = Lights(_dome(18)), np.ones((40, 31), bool)
+    lights, mask = Lights(dome(18)), np.ones((40, 31), bool)
     # Without a law, one would be estimated from all pixels.
     noise = StackNoise.of_one_exposure(1e-4, 1e-6, 18)
     whole = photometric_stereo(values, lights, mask, method="best", noise=noise)
@@ -190,6 +178,6 @@ def test_samples_without_a_sensible_normal_terminate(fill):
     values = np.full((20, 3, 3), fill)
     values[:2] = 1.0
     values[:, 0, 0] = np.random.default_rng(28).uniform(size=20)
-    result = photometric_stereo(values, Lights(_dome(20)), np.ones((3, 3), bool), method="best")
+    result = photometric_stereo(values, Lights(dome(20)), np.ones((3, 3), bool), method="best")
     assert np.isfinite(result.normal_map.normals).all()
     assert np.isfinite(result.albedo).all()

@@ -11,15 +11,13 @@ from processing import photometric_stereo
 from processing.stereo import METHODS
 from simulator import bench_sensor
 from simulator.rendering import Measurement, cramer_rao_deg
+from tests.processing.scenes import dome
 
 SLOPE, FLOOR = 1e-4, 2.5e-7
 
 
 def _lights(count):
-    turn = np.arange(count) * np.pi * (3 - np.sqrt(5))
-    z = np.linspace(0.97, 0.7, count)
-    r = np.sqrt(1 - z * z)
-    return Lights(directions=np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1))
+    return Lights(dome(count, 0.97, 0.7))
 
 
 def _cap(size, widest_deg):

@@ -8,16 +8,13 @@ from acquisition import DataError, Lights, angle_deg
 from calibration import EstimateError
 from processing import angular_error, photometric_stereo
 from processing.stereo import METHODS
+from tests.processing.scenes import dome
 
 every_method = pytest.mark.parametrize("method", METHODS)
 
 
 def _dome(count, *, lowest_deg=45.0):
-    """Return directions spread over a cap by the golden angle."""
-    z = np.linspace(0.98, np.sin(np.radians(lowest_deg)), count)
-    turn = np.arange(count) * np.pi * (3 - np.sqrt(5))
-    r = np.sqrt(1 - z * z)
-    return np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)
+    return dome(count, lowest=np.sin(np.radians(lowest_deg)))
 
 
 def _ball(size=70, n_z_min=0.0):

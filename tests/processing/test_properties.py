@@ -3,7 +3,6 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -11,21 +10,10 @@ from scipy.spatial.transform import Rotation
 from acquisition import DataError
 from processing import HeightMap, NormalMap, height_profile, integrate, read_normals, separate, ssim
 from processing.detail import cross_exchange, idempotence, rotation_similarity, transfer_chain
+from tests.processing.scenes import ball, relief
 
 needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
 TARGETS = ("bear", "buddha", "cat", "cow", "goblet")
-
-
-def relief(seed: int, size: tuple[int, int]) -> NormalMap:
-    height = cv2.GaussianBlur(np.random.default_rng(seed).normal(size=size), (0, 0), 1.2)
-    dy, dx = np.gradient(height)
-    return NormalMap.from_vectors(np.stack([-3 * dx, 3 * dy, np.ones(size)], axis=2))
-
-
-def ball(size: int = 100) -> NormalMap:
-    y, x = np.mgrid[1 : -1 : size * 1j, -1 : 1 : size * 1j]
-    z = np.sqrt(np.maximum(1.6 - x**2 - y**2, 0))
-    return NormalMap.from_vectors(np.stack([x, y, z], axis=2), x**2 + y**2 < 0.8)
 
 
 def plane(normal: tuple[float, float, float], size: tuple[int, int] = (60, 60)) -> NormalMap:

@@ -15,6 +15,7 @@ from processing import NormalMap, integrate
 from processing.checks import image_quality
 from processing.surface import integrability
 from simulator import SCENES, render, scene_named
+from tests.processing.scenes import bumpy_dome, sunflower
 from tests.quick_sample import quick
 
 SIZE = 96
@@ -22,24 +23,9 @@ COUNT = 12
 FLAT = ("plane", "tilted-plane", "white-plane", "charuco", "step-gauge")
 
 
-def dome(count: int = COUNT) -> Lights:
-    around = np.arange(count) * 2.4
-    out = np.sqrt((np.arange(count) + 0.5) / count)
-    return Lights(
-        directions=np.stack([out * np.cos(around), out * np.sin(around), 0.9 + 0 * out], 1)
-    )
-
-
 def relief(seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Return normals and mask of a bumpy dome."""
-    rows, columns = np.mgrid[:SIZE, :SIZE]
-    x, y = (columns - 47.5) / 44, (47.5 - rows) / 44
-    mask = x**2 + y**2 < 1
     waves = gaussian_filter(np.random.default_rng(seed).normal(size=(SIZE, SIZE)), 6)
-    height = 0.4 * np.sqrt(np.clip(1.2 - x**2 - y**2, 0, 1)) + 0.08 * waves / waves.std()
-    down, right = np.gradient(height, 1 / 44)
-    normals = np.dstack([-right, down, np.ones_like(height)])
-    return normals / np.linalg.norm(normals, axis=2, keepdims=True), mask
+    return bumpy_dome(waves, 0.08)
 
 
 def images(lights: Lights, seed: int = 0, noise: float = 0.003) -> np.ndarray:
@@ -53,7 +39,7 @@ def images(lights: Lights, seed: int = 0, noise: float = 0.003) -> np.ndarray:
 
 
 MASK = relief()[1]
-LIGHTS = dome()
+LIGHTS = Lights(sunflower(COUNT, 0.9))
 IMAGES = images(LIGHTS)
 
 

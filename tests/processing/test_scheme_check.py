@@ -12,17 +12,11 @@ from acquisition import Lights
 from processing.checks import SchemeCheck, image_quality
 from processing.checks.scheme_check import check_scheme, scheme_notices
 from processing.images.block_means import cells_of
+from tests.processing.scenes import bumpy_dome, dome
 from tests.quick_sample import quick
 
 SIZE = 100
 COUNT = 24
-
-
-def dome(count: int) -> Lights:
-    turn = np.arange(count) * np.pi * (3 - np.sqrt(5))
-    z = np.linspace(0.95, 0.5, count)
-    r = np.sqrt(1 - z * z)
-    return Lights(directions=np.stack([r * np.cos(turn), r * np.sin(turn), z], 1))
 
 
 def images(
@@ -30,14 +24,8 @@ def images(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return images of a bumpy dome with texture, gloss and noise, and its mask."""
     rng = np.random.default_rng(seed)
-    rows, columns = np.mgrid[:SIZE, :SIZE]
-    x, y = (columns - 49.5) / 46, (49.5 - rows) / 46
-    mask = x**2 + y**2 < 1
-    waves = gaussian_filter(rng.normal(size=mask.shape), 5)
-    height = 0.4 * np.sqrt(np.clip(1.2 - x**2 - y**2, 0, 1)) + 0.05 * waves / waves.std()
-    down, right = np.gradient(bumps * height, 1 / 46)
-    normals = np.dstack([-right, down, np.ones_like(height)])
-    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    waves = gaussian_filter(rng.normal(size=(SIZE, SIZE)), 5)
+    normals, mask = bumpy_dome(waves, 0.05, bumps)
     albedo = np.exp(3 * gaussian_filter(rng.normal(size=mask.shape), 4))
     cosine = np.clip(np.einsum("hwc,nc->nhw", normals, lights.unit_directions), 0, None)
     half = lights.unit_directions + np.array([0, 0, 1])
@@ -48,7 +36,7 @@ def images(
     return np.where(mask, values, 0).astype(np.float32), mask
 
 
-LIGHTS = dome(COUNT)
+LIGHTS = Lights(dome(COUNT, 0.95, 0.5))
 IMAGES, MASK = images(LIGHTS)
 
 
@@ -174,7 +162,7 @@ def test_correct_recordings_are_quiet() -> None:
     """At most 2 % of the images of other objects and few lights are named."""
     named = total = 0
     for count in (6, 8, 12, 36):
-        lights = dome(count)
+        lights = Lights(dome(count, 0.95, 0.5))
         for seed in range(20, 26):
             values, mask = images(lights, seed=seed)
             named += len(check_scheme(cells_of(values, mask, None), lights).found)

@@ -15,6 +15,7 @@ from acquisition import DataError, angle_deg
 from processing import NormalMap, ShapeFilter, combine, read_normals, separate, ssim, write_normals
 from processing.detail import FilterKind
 from rig.arrays import Float64
+from tests.processing.scenes import real_map
 from tests.quick_sample import quick
 
 ROUND_TRIP_DEG = 5e-5
@@ -26,14 +27,6 @@ def random_map(seed: int, size: tuple[int, int] = (30, 40), holes: float = 0.1) 
     smooth = cv2.GaussianBlur(rng.normal(size=(*size, 3)), (0, 0), 3) * 8
     vectors = smooth + 0.4 * rng.normal(size=(*size, 3)) + (0, 0, 0.5)
     return NormalMap.from_vectors(vectors, rng.random(size) >= holes)
-
-
-def read(folder: str) -> NormalMap:
-    path = Path(os.environ["SGP_DATA"]) / "normals" / folder
-    image = cv2.imread(str(path / "normal_map.png"), cv2.IMREAD_UNCHANGED)
-    mask = cv2.imread(str(path / "mask.png"), cv2.IMREAD_GRAYSCALE) > 127
-    full = np.iinfo(image.dtype).max
-    return NormalMap.from_vectors(image[..., 2::-1].astype(np.float64) / full * 2 - 1, mask)
 
 
 def direct_shape(normal_map: NormalMap, kernel: Float64) -> Float64:
@@ -271,7 +264,7 @@ def test_combine_refuses_components_that_do_not_fit() -> None:
     quick([("owl", (0.9996, 0.9993, 0.9990)), ("plant", (0.9992, 0.9985, 0.9979))], every=2),
 )
 def test_the_detail_of_a_detail_is_the_detail(name: str, bars: tuple[float, ...]) -> None:
-    detail = first = separate(read(name)).detail
+    detail = first = separate(real_map(name)).detail
     for bar in bars:
         detail = separate(detail).detail
         assert ssim(detail, first, protocol="paper") >= bar
@@ -280,7 +273,7 @@ def test_the_detail_of_a_detail_is_the_detail(name: str, bars: tuple[float, ...]
 @needs_data
 @pytest.mark.parametrize(("name", "bar"), [("owl", 0.68), ("plant", 1.82)])
 def test_separability_of_real_maps(name: str, bar: float) -> None:
-    normal_map = read(name)
+    normal_map = real_map(name)
     parts = separate(normal_map)
     assert parts.separability_deg == pytest.approx(bar, abs=0.02)
     back = combine(parts.shape, parts.detail)

@@ -18,7 +18,7 @@ import processing
 from acquisition import DataError, MissingPathError, angle_deg
 from processing import NormalMap, angular_error, super_resolve
 from processing.superres import SuperResolutionStage, low_resolution, read_superres_model
-from processing.superres import super_resolution_stage as memory_module
+from processing.superres import higher_resolution as memory_module
 from processing.superres.enlarge import (
     bicubic,
     blend,
@@ -136,7 +136,7 @@ def test_bicubic_interpolation_is_that_of_the_normals():
     made = super_resolve(low, 2, method="bicubic")
     np.testing.assert_allclose(made.normal_map.normals, units(bicubic(low.normals, 2)), atol=1e-6)
     assert made.sigma_deg is None
-    assert made.model is None
+    assert made.stage.model is None
     assert made.invented_share == 0
     assert not made.invented.any()
 
@@ -265,7 +265,7 @@ def test_turned_copies_are_averaged_at_scale_4_unless_refused():
         other = super_resolve(low, scale, self_ensemble=not default)
         np.testing.assert_array_equal(made.normal_map.normals, same.normal_map.normals)
         np.testing.assert_array_equal(made.sigma_deg, same.sigma_deg)
-        assert (made.self_ensemble, other.self_ensemble) == (default, not default)
+        assert (made.stage.self_ensemble, other.stage.self_ensemble) == (default, not default)
         assert np.abs(made.normal_map.normals - other.normal_map.normals).max() > 1e-4
 
 
@@ -297,12 +297,14 @@ def test_the_mean_square_error_of_a_blend_is_predicted():
     errors = np.broadcast_to(np.array([ours, theirs], np.float32), (200, 200, 2))
     square = ((sharp - facing) ** 2).sum(axis=2)
     for limit in (0, 0.4, 1):
-        made = blend(facing, sharp, square, errors, np.full((200, 200), limit, np.float32))
-        actual = ((truth - made.normals) ** 2).sum(2).mean()
-        assert made.variance.mean() == pytest.approx(actual, rel=0.03)
+        normals, variance = blend(
+            facing, sharp, square, errors, np.full((200, 200), limit, np.float32)
+        )
+        actual = ((truth - normals) ** 2).sum(2).mean()
+        assert variance.mean() == pytest.approx(actual, rel=0.03)
         weight = limit * theirs / ours
         np.testing.assert_allclose(
-            made.normals, units(facing + np.float32(weight) * (sharp - facing)), atol=1e-6
+            normals, units(facing + np.float32(weight) * (sharp - facing)), atol=1e-6
         )
 
 
@@ -326,7 +328,7 @@ def test_a_network_of_the_other_domain_works_in_that_domain(tmp_path):
     low, other = rough(20, 24), OTHER[KINDS[4].domain]
     path = copied(tmp_path, domain=other)
     made = super_resolve(low, 4, model=path)
-    assert made.method == other
+    assert made.stage.method == other
     plain = super_resolve(low, 4, method="bicubic")
     assert angular_error(made.normal_map, plain.normal_map).mae_deg < 45
     with pytest.raises(DataError, match=f"the method {KINDS[4].domain} needs one"):

@@ -43,7 +43,7 @@ def test_a_sheet_keeps_the_character_of_its_exemplar():
     assert figures.repeat_score < figures.exemplar_repeat_score + 0.15
     assert made.steps.ratio < 1.15
     # Random places without a search give larger steps than any that are accepted here.
-    assert made.steps.across_deg > 0.5 * made.steps.inside_deg
+    assert made.steps.seam_deg > 0.5 * made.steps.interior_deg
 
 
 def test_a_sheet_depends_on_the_seed_alone(noise, made):

@@ -9,6 +9,7 @@ import pytest
 from acquisition import DataError, angle_deg
 from processing import NormalMap
 from processing.synthesis import SYNTHESIZERS, efros_leung
+from tests.processing.scenes import noise
 
 EXTENDING = Path(__file__).parents[2] / "docs" / "extending.md"
 
@@ -24,28 +25,23 @@ def documented():
 METHODS = {**SYNTHESIZERS, "documented": documented()}
 
 
-def noise(side=32):
-    vectors = np.random.default_rng(2).normal(scale=0.2, size=(side, side, 3))
-    return NormalMap.from_vectors(vectors + np.array([0, 0, 1]))
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_a_synthesiser(method):
     synthesize, heard = METHODS[method], []
-    made = synthesize(noise(), (20, 27), patch=7, seed=1, on_progress=lambda *s: heard.append(s))
+    made = synthesize(noise(32), (20, 27), patch=7, seed=1, on_progress=lambda *s: heard.append(s))
     assert made.detail.size == made.labels.shape == (20, 27)
     assert made.detail.mask.all()
     lengths = np.linalg.norm(made.detail.normals.astype(np.float64), axis=2)
     np.testing.assert_allclose(lengths, 1, atol=1e-6)
     assert heard[-1][1] == heard[-1][2] > 0
-    same, other = (synthesize(noise(), (20, 27), patch=7, seed=s).detail.normals for s in (1, 2))
+    same, other = (synthesize(noise(32), (20, 27), patch=7, seed=s).detail.normals for s in (1, 2))
     np.testing.assert_array_equal(same, made.detail.normals)
     assert np.mean(angle_deg(other, same)) > 1
     mean = np.mean(angle_deg(made.detail.normals, [0, 0, 1]))
-    assert mean == pytest.approx(np.mean(angle_deg(noise().normals, [0, 0, 1])), rel=0.2)
+    assert mean == pytest.approx(np.mean(angle_deg(noise(32).normals, [0, 0, 1])), rel=0.2)
     for size, options in (((0, 9), {"patch": 7}), ((9, 9), {"patch": 1})):
         with pytest.raises(DataError):
-            synthesize(noise(), size, **options)
+            synthesize(noise(32), size, **options)
 
 
 def test_a_periodic_pattern_is_continued_exactly():
@@ -69,4 +65,4 @@ def test_a_periodic_pattern_is_continued_exactly():
 )
 def test_bad_input(size, options, message):
     with pytest.raises(DataError, match=message):
-        efros_leung(noise(), size, **options)
+        efros_leung(noise(32), size, **options)

@@ -7,6 +7,7 @@ import pytest
 
 from acquisition import DataError, angle_deg
 from processing import NormalMap, combine, synthesize_onto
+from tests.processing.scenes import noise
 
 PERIOD, PATCH, RADIUS = 12.0, 24, 300.0
 
@@ -90,12 +91,6 @@ def test_periods_on_a_tilted_plane(plane, waves_deg, period):
     expected = along / PERIOD + (1 / 0.6 - 1) * tilt * (tilt @ along) / PERIOD
     np.testing.assert_allclose(wave, expected, atol=0.03 / PERIOD)
     assert period is None or 1 / np.hypot(*expected) == pytest.approx(period)
-
-
-def noise(side=64, seed=2):
-    vectors = np.random.default_rng(seed).normal(scale=0.2, size=(side, side, 3))
-    vectors[..., 2] += 1
-    return NormalMap.from_vectors(vectors)
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """Least squares in tiles against numpy, and images that are read in place."""
 
 import tracemalloc
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,13 +13,9 @@ from processing.stereo.frames import TILE, Frames
 from processing.stereo.light_model import LightModel
 from processing.stereo.solve import solve_maps
 from rig import no_progress
+from tests.processing.scenes import dome
 
-
-def _dome(count):
-    z = np.linspace(0.97, 0.5, count)
-    turn = np.arange(count) * np.pi * (3 - np.sqrt(5))
-    r = np.sqrt(1 - z * z)
-    return np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)
+_dome = partial(dome, highest=0.97, lowest=0.5)
 
 
 def _points(height, width):

@@ -12,16 +12,14 @@ from processing.noise.reference_solver import ReferenceSolver
 from processing.noise.tile_reference import TILE
 from processing.stereo.frames import Frames
 from processing.stereo.light_model import LightModel
+from tests.processing.scenes import dome
 
 COUNT, SIZE = 14, (24, 3 * TILE + 5)
 FLOOR, SLOPE = 1e-5, 1e-4
 
 
 def lights_of(near):
-    z = np.linspace(0.97, 0.4, COUNT)
-    turn = np.arange(COUNT) * np.pi * (3 - np.sqrt(5))
-    r = np.sqrt(1 - z * z)
-    directions = np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)
+    directions = dome(COUNT, 0.97, 0.4)
     if near:
         return Lights(positions_mm=directions * 400, mu=np.full(COUNT, 1.3))
     return Lights(directions)

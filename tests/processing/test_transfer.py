@@ -1,9 +1,7 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -15,33 +13,10 @@ from processing.detail import Placement
 from processing.detail.detail_transfer import scale_slopes
 from processing.detail.placement import Cover, largest_rectangle
 from rig.arrays import Bool
+from tests.processing.scenes import ball, real_map, relief
 
 needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
 TARGETS = ("bear", "buddha", "cat", "cow", "goblet")
-
-
-def relief(seed: int, size: tuple[int, int]) -> NormalMap:
-    """Return a rough map over the complete frame: a weak relief on a flat shape."""
-    rng = np.random.default_rng(seed)
-    height = cv2.GaussianBlur(rng.normal(size=size), (0, 0), 1.2)
-    dy, dx = np.gradient(height)
-    return NormalMap.from_vectors(np.stack([-3 * dx, 3 * dy, np.ones(size)], axis=2))
-
-
-def ball(size: int = 120) -> NormalMap:
-    y, x = np.mgrid[1 : -1 : size * 1j, -1 : 1 : size * 1j]
-    z2 = 1.6 - x**2 - y**2
-    return NormalMap.from_vectors(
-        np.stack([x, y, np.sqrt(np.maximum(z2, 0))], axis=2), x**2 + y**2 < 0.8
-    )
-
-
-def read(folder: str) -> NormalMap:
-    path = Path(os.environ["SGP_DATA"]) / "normals" / folder
-    image = cv2.imread(str(path / "normal_map.png"), cv2.IMREAD_UNCHANGED)
-    mask = cv2.imread(str(path / "mask.png"), cv2.IMREAD_GRAYSCALE) > 127
-    full = np.iinfo(image.dtype).max
-    return NormalMap.from_vectors(image[..., 2::-1].astype(np.float64) / full * 2 - 1, mask)
 
 
 @settings(max_examples=60, deadline=None)
@@ -292,8 +267,8 @@ def test_transfer_refuses(options: dict[str, object], text: str) -> None:
     ],
 )
 def test_transfer_to_real_shapes(source: str, shape: float, detail: float, refined: float) -> None:
-    given_map = read(source)
-    targets = [read(f"diligent/{name}") for name in TARGETS]
+    given_map = real_map(source)
+    targets = [real_map(f"diligent/{name}") for name in TARGETS]
     results = [transfer(given_map, target) for target in targets]
     assert np.mean([r.fidelity.shape_mae_deg for r in results]) <= shape
     assert np.mean([r.fidelity.detail_mae_deg for r in results]) <= detail
@@ -306,8 +281,8 @@ def test_transfer_to_real_shapes(source: str, shape: float, detail: float, refin
 @needs_data
 @pytest.mark.parametrize("source", ["owl", "plant"])
 def test_cuts_between_tiles_of_real_surfaces(source: str) -> None:
-    target = read("diligent/bear")
-    seams = [transfer(read(source), target, tile=tile).seam for tile in ("cut", "plain")]
+    target = real_map("diligent/bear")
+    seams = [transfer(real_map(source), target, tile=tile).seam for tile in ("cut", "plain")]
     assert seams[0].ratio <= 1.3
     assert seams[1].ratio > 2
 
@@ -317,11 +292,11 @@ def test_cuts_between_tiles_of_real_surfaces(source: str) -> None:
 def test_keeping_the_targets_detail_reproduces_the_papers_row(source: str) -> None:
     """The paper uses a Gaussian of order 1; its row is mostly the targets' own detail."""
     printed_deg = {"bear": 3.55, "buddha": 13.02, "cat": 4.13, "cow": 3.57, "goblet": 5.69}
-    given_map = read(source)
+    given_map = real_map(source)
     found_deg = [
         transfer(
             given_map,
-            read(f"diligent/{name}"),
+            real_map(f"diligent/{name}"),
             keep_target_detail=True,
             shape_filter=ShapeFilter(order=1),
             tile="plain",

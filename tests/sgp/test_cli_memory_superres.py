@@ -12,7 +12,7 @@ import pytest
 from acquisition.files import BandStore
 from processing import NormalMap, write_normals
 from processing.superres import SuperResolutionStage
-from processing.superres import super_resolution_stage as memory
+from processing.superres import higher_resolution as memory
 from tests.sgp.test_cli_memory import check_equal, stop
 
 SIZE = (95, 13)

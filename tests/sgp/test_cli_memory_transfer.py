@@ -9,8 +9,8 @@ import pytest
 
 from acquisition.files import BandStore
 from processing import NormalMap, ShapeFilter, write_normals
+from processing.detail import TransferStage
 from processing.detail import separation as rows
-from processing.detail.transfer_stage import TransferSizes
 from tests.sgp.in_bands import check_continued, check_needs_whole
 from tests.sgp.test_cli_memory import stop
 
@@ -42,7 +42,8 @@ def maps(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 def memory(refine: int = 0) -> str:
     """Return a limit for some bands, and for the cuts between copies."""
-    least = TransferSizes(SOURCE, TARGET, ShapeFilter(order=2, w=2), refine).least()
+    stage = TransferStage(refine=refine, shape_filter=ShapeFilter(order=2, w=2))
+    least = stage.need(SOURCE, TARGET).least
     return f"{least // 1024 + 120}K"
 
 

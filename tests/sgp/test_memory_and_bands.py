@@ -15,7 +15,7 @@ import pytest
 
 from acquisition import read_image
 from acquisition.files import BandStore
-from processing.superres import super_resolution_stage
+from processing.superres import higher_resolution
 
 ROOT = Path(__file__).parents[2]
 COIN, PAINTED, BOTH = (
@@ -117,7 +117,7 @@ def bands(monkeypatch: pytest.MonkeyPatch) -> list[object]:
 
     monkeypatch.setattr(BandStore, "complete", noted)
     # The map is too small for several bands.
-    monkeypatch.setattr(super_resolution_stage, "TILE_PX", 16)
+    monkeypatch.setattr(higher_resolution, "TILE_PX", 16)
     return done
 
 

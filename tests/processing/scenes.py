@@ -1,0 +1,75 @@
+"""Lights, balls and reliefs that several tests of normals use."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from processing import NormalMap
+from rig.arrays import Bool, Float64
+
+
+def dome(count: int, highest: float = 0.98, lowest: float = 0.35) -> Float64:
+    """Return directions ``(N, 3)`` spread over a dome by the golden angle."""
+    z = np.linspace(highest, lowest, count)
+    turn = np.arange(count) * np.pi * (3 - np.sqrt(5))
+    r = np.sqrt(1 - z * z)
+    return np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)
+
+
+def sunflower(count: int, height: float) -> Float64:
+    """Return vectors to lights that are spread evenly over a disc above the object."""
+    around = np.arange(count) * 2.4
+    out = np.sqrt((np.arange(count) + 0.5) / count)
+    return np.stack([out * np.cos(around), out * np.sin(around), height + 0 * out], 1)
+
+
+def half_ball(size: int, rim: float = 0.95) -> tuple[Float64, Bool]:
+    """Return normals of a ball that fills the frame, with y down, and a mask within its rim."""
+    y, x = np.mgrid[1 : -1 : size * 1j, -1 : 1 : size * 1j]
+    z = np.sqrt(np.clip(1 - x * x - y * y, 0, None))
+    return np.dstack([x, y, z]), np.hypot(x, y) < rim
+
+
+def bumpy_dome(waves: Float64, amount: float, steepness: float = 1.0) -> tuple[Float64, Bool]:
+    """Return normals of a dome with waves of a square frame on it, and its mask."""
+    size = len(waves)
+    rows, columns = np.indices(waves.shape)
+    middle, radius = (size - 1) / 2, size / 2 - 4
+    x, y = (columns - middle) / radius, (middle - rows) / radius
+    height = 0.4 * np.sqrt(np.clip(1.2 - x**2 - y**2, 0, 1)) + amount * waves / waves.std()
+    down, right = np.gradient(steepness * height, 1 / radius)
+    normals = np.dstack([-right, down, np.ones_like(height)])
+    return normals / np.linalg.norm(normals, axis=2, keepdims=True), x**2 + y**2 < 1
+
+
+def ball(size: int = 120) -> NormalMap:
+    """Return a ball, of which the middle is in the mask."""
+    y, x = np.mgrid[1 : -1 : size * 1j, -1 : 1 : size * 1j]
+    z = np.sqrt(np.maximum(1.6 - x**2 - y**2, 0))
+    return NormalMap.from_vectors(np.dstack([x, y, z]), x**2 + y**2 < 0.8)
+
+
+def relief(seed: int, size: tuple[int, int], slope: float = 3.0, blur_px: float = 1.2) -> NormalMap:
+    """Return a rough map over the complete frame: a weak relief on a flat shape."""
+    height = cv2.GaussianBlur(np.random.default_rng(seed).normal(size=size), (0, 0), blur_px)
+    dy, dx = np.gradient(height)
+    return NormalMap.from_vectors(np.dstack([-slope * dx, slope * dy, np.ones(size)]))
+
+
+def noise(side: int = 64, seed: int = 2) -> NormalMap:
+    """Return normals with independent errors."""
+    vectors = np.random.default_rng(seed).normal(scale=0.2, size=(side, side, 3))
+    return NormalMap.from_vectors(vectors + np.array([0, 0, 1]))
+
+
+def real_map(folder: str) -> NormalMap:
+    """Return a normal map of the paper."""
+    path = Path(os.environ["SGP_DATA"]) / "normals" / folder
+    image = np.asarray(cv2.imread(str(path / "normal_map.png"), cv2.IMREAD_UNCHANGED))
+    mask = np.asarray(cv2.imread(str(path / "mask.png"), cv2.IMREAD_GRAYSCALE)) > 127
+    full = np.iinfo(image.dtype).max
+    return NormalMap.from_vectors(image[..., 2::-1].astype(np.float64) / full * 2 - 1, mask)
