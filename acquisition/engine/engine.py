@@ -187,15 +187,13 @@ def resume(
         # Read it again now that no other process can add to it.
         session = Session.open(folder)
         references = References.of(session)
-        if hooks.on_event is not None:
-            for line in writer.set_aside_events:
-                hooks.on_event(line.event, line.details)
+        for line in writer.set_aside_events:
+            hooks.on_event(line.event, line.details)
         died = sorted(set(rig.config.dead_leds) & {shot.led for shot in writer.missing})
         if died:
             details = {"leds": died, "reason": "listed as dead"}
             writer.write_event(LEFT_OUT, **details)
-            if hooks.on_event is not None:
-                hooks.on_event(LEFT_OUT, details)
+            hooks.on_event(LEFT_OUT, details)
         carry_out(rig, writer, recorded, hooks, events, references, stall_s)
     return Session.open(folder)
 

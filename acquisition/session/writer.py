@@ -17,15 +17,14 @@ from acquisition.plan.planned_shot import PlannedShot
 from acquisition.session.event_details import check_event
 from acquisition.session.frame_check import measure_frame
 from acquisition.session.frame_file import FrameNames, store_frame
-from acquisition.session.frame_proofs import FrameProofs
 from acquisition.session.journal import Echo, EventLine, FrameLine
-from acquisition.session.journal_file import AnyLine, Clock, JournalFile, utc_now
+from acquisition.session.journal_file import AnyLine, Clock, utc_now
 from acquisition.session.layout import COMPLETE, FRAMES, completion_mark
 from acquisition.session.light_proof import BOARD, wrong_light
 from acquisition.session.manifest import Manifest
 from acquisition.session.open_shots import OpenShots
-from acquisition.session.opening import begin, take_up
-from acquisition.session.session import Session, examine
+from acquisition.session.opening import OpenSession, begin, take_up
+from acquisition.session.session import examine
 from acquisition.session.session_frame import Damage, SessionFrame
 from acquisition.session.shared_files import SharedUse
 from rig import Progress, no_progress, pluralize
@@ -70,32 +69,21 @@ class SessionWriter:
     a line, and only then the lock is released.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        manifest: Manifest,
-        journal: JournalFile,
-        lock: int,
-        session: Session | None = None,
-        proofs: FrameProofs | None = None,
-        set_aside_events: tuple[EventLine, ...] = (),
-    ) -> None:
-        self.folder = folder
-        self.manifest = manifest
-        self.set_aside_events = set_aside_events
-        self._journal = journal
-        self._lock = lock
-        self._use = SharedUse(folder, self._release)
+    def __init__(self, opened: OpenSession) -> None:
+        self.folder, self.manifest, session = opened.folder, opened.manifest, opened.session
+        self.set_aside_events = opened.set_aside_events
+        self._journal, self._lock, self._proofs = opened.journal, opened.lock, opened.proofs
+        self._use = SharedUse(self.folder, self._release)
         self._order = threading.Lock()  # held while a line is written
         self._sound = True
-        self._shots = OpenShots(manifest.plan, session)
-        self._version = manifest.format_version if session is None else session.format_version
-        self._proofs = proofs or FrameProofs(manifest.camera)
-        recorded = () if session is None else session.recorded
-        aside = () if session is None else session.set_aside
-        frames = (*recorded, *(one.frame for one in aside))
+        self._shots = OpenShots(self.manifest.plan, session)
+        self._version: int = self.manifest.format_version
+        frames: list[SessionFrame] = []
+        if session is not None:
+            self._version = session.format_version
+            frames = [*session.recorded, *(one.frame for one in session.set_aside)]
         names = (Path(frame.line.file).name for frame in frames)
-        self._names = FrameNames(folder / FRAMES, manifest.plan, names)
+        self._names = FrameNames(self.folder / FRAMES, self.manifest.plan, names)
 
     @classmethod
     def create(cls, folder: str | Path, manifest: Manifest, *, clock: Clock = utc_now) -> Self:
@@ -117,8 +105,7 @@ class SessionWriter:
         StorageError
             If the folder is not empty, another process records into it, or the disk refuses.
         """
-        journal, lock = begin(Path(folder), manifest, clock)
-        return cls(Path(folder), manifest, journal, lock)
+        return cls(begin(Path(folder), manifest, clock))
 
     @classmethod
     def reopen(
@@ -154,10 +141,8 @@ class SessionWriter:
         StorageError
             If another process records into it, or the disk refuses.
         """
-        session, journal, lock, proofs, events = take_up(
-            Path(folder), set_aside_damaged=set_aside_damaged, on_progress=on_progress
-        )
-        return cls(session.folder, session.manifest, journal, lock, session, proofs, events)
+        folder = Path(folder)
+        return cls(take_up(folder, set_aside_damaged=set_aside_damaged, on_progress=on_progress))
 
     @property
     def missing(self) -> tuple[PlannedShot, ...]:
@@ -281,10 +266,7 @@ class SessionWriter:
             values |= {"file": f"{FRAMES}/{path.name}", **asdict(stored)}
             before_line()
             line = self._append(FrameLine, values)
-            camera = self.manifest.camera
-            self._proofs.written(
-                SessionFrame(path, line, line.bytes, line.file_sha256, camera.shape)
-            )
+            self._proofs.written(SessionFrame.recorded(path, line, self.manifest.camera.shape))
             return line
 
     def write_event(self, event: str, **details: Any) -> EventLine:
