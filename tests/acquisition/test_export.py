@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +23,7 @@ from acquisition import (
 from acquisition.exports import Layout, prepare_export
 from acquisition.imports import read_import
 from acquisition.plan import PlannedShot
-from acquisition.session import LightsRecord, Manifest, SessionWriter, compact_session
+from acquisition.session import LightsRecord, SessionWriter, compact_session
 from rig import Mounting
 from tests.acquisition.exported_session import (
     LEDS,
@@ -36,6 +35,7 @@ from tests.acquisition.exported_session import (
     same_lights,
     session,
 )
+from tests.acquisition.small_session import manifest
 from tests.quick_sample import quick
 
 
@@ -105,15 +105,9 @@ def test_one_bracket_is_exported_and_the_others_are_reported(tmp_path: Path) -> 
 
 
 def test_intensities_of_lights_are_scaled_by_their_exposures(tmp_path: Path) -> None:
-    manifest = Manifest(
-        started_utc=datetime(2026, 1, 2, tzinfo=UTC),
-        operator="",
-        object="",
-        camera={"width": SIZE[1], "height": SIZE[0], "bit_depth": 12},
-        lights=LightsRecord.of(NEAR),
-    )
+    content = manifest(SIZE, 12, lights=LightsRecord.of(NEAR))
     exposures = dict(zip(LEDS, (1000.0, 500.0, 2000.0, 1000.0), strict=True))
-    with SessionWriter.create(tmp_path / "s", manifest) as writer:
+    with SessionWriter.create(tmp_path / "s", content) as writer:
         for led, exposure_us in exposures.items():
             writer.write_frame(PlannedShot("light", led, 0, 0, exposure_us), picture(led, SIZE))
         writer.complete()
@@ -143,13 +137,7 @@ def test_images_of_a_rotated_camera_are_exported_upright(tmp_path: Path) -> None
 
 
 def test_repeats_are_left_out_and_reported(tmp_path: Path) -> None:
-    manifest = Manifest(
-        started_utc=datetime(2026, 1, 2, tzinfo=UTC),
-        operator="",
-        object="",
-        camera={"width": SIZE[1], "height": SIZE[0], "bit_depth": 12},
-    )
-    with SessionWriter.create(tmp_path / "s", manifest) as writer:
+    with SessionWriter.create(tmp_path / "s", manifest(SIZE, 12)) as writer:
         for repeat in (1, 0):
             writer.write_frame(PlannedShot("light", 0, 0, repeat, 10.0), picture(repeat, SIZE))
         writer.complete()

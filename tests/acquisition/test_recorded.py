@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -11,10 +10,11 @@ import pytest
 
 from acquisition import CapturePlan, DataError, Session
 from acquisition.plan import PlannedShot
-from acquisition.session import CameraRecord, EventLine, FrameLine, Journal, Manifest, StartLine
+from acquisition.session import CameraRecord, EventLine, FrameLine, Journal, StartLine
 from acquisition.session.journal import Line
 from acquisition.session.journal_frames import Recorded, recorded_frames
 from acquisition.session.open_shots import OpenShots
+from tests.acquisition.small_session import manifest
 
 TIME = "2026-03-04T05:06:07Z"
 CAMERA = CameraRecord(width=8, height=6, bit_depth=12)
@@ -79,13 +79,8 @@ def upgraded(seq: int) -> EventLine:
 def read(
     *lines: Line, folder: Path = Path("s"), version: int = 3, plan: CapturePlan | None = PLAN
 ) -> Recorded:
-    content = Manifest(
-        started_utc=datetime(2026, 1, 2, tzinfo=UTC),
-        operator="Ada",
-        object="coin",
-        plan=plan,
-        camera=CAMERA,
-    ).model_copy(update={"format_version": version})
+    content = manifest(plan=plan, camera=CAMERA)
+    content = content.model_copy(update={"format_version": version})
     start = StartLine(seq=0, time_utc=TIME, session_toml_sha256="a" * 64)
     planned = () if plan is None else plan.shots()
     return recorded_frames(folder, content, planned, Journal((start, *lines), b"", ""))

@@ -3,7 +3,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +13,12 @@ from acquisition import CapturePlan, DataError, MissingPathError, Session, verif
 from acquisition.pixels import write_tiff
 from acquisition.session import (
     GENESIS,
-    CameraRecord,
-    Manifest,
     SessionWriter,
     compact_session,
     encode_line,
 )
 from acquisition.session import session as _session
+from tests.acquisition.small_session import manifest
 
 PLAN = CapturePlan(leds=(0, 1), exposures_us=(100.0,))
 
@@ -28,14 +26,7 @@ PLAN = CapturePlan(leds=(0, 1), exposures_us=(100.0,))
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """Return a complete session of three frames whose pixels are 100, 101, 102."""
-    content = Manifest(
-        started_utc=datetime(2026, 1, 2, tzinfo=UTC),
-        operator="Ada",
-        object="coin",
-        plan=PLAN,
-        camera=CameraRecord(width=8, height=6, bit_depth=12),
-    )
-    with SessionWriter.create(tmp_path / "s", content) as writer:
+    with SessionWriter.create(tmp_path / "s", manifest((6, 8), 12, plan=PLAN)) as writer:
         for index, shot in enumerate(writer.missing):
             writer.write_frame(shot, np.full((6, 8), 100 + index, np.uint16))
         writer.complete()
