@@ -129,23 +129,22 @@ OF_ANOTHER_SIZE = r"a\.2\.png: 7 x 4 RGB uint16, but a\.0\.png is 6 x 4"
 OUTSIDE = r"mask\.png: a mask with nothing inside"
 
 
-@pytest.mark.parametrize(
-    ("name", "pixels", "said"),
-    [
-        pytest.param("a.2.png", image(0, (4, 7)), OF_ANOTHER_SIZE, id="size"),
-        pytest.param("a.2.png", np.zeros((4, 6), np.uint16), LIKE_NO_OTHER, id="grey among RGB"),
-        pytest.param("a.2.png", np.zeros((4, 6, 3), np.uint8), LIKE_NO_OTHER, id="8 bit among 16"),
-        pytest.param("mask.png", np.full((4, 6), 0, np.uint8), OUTSIDE, id="empty mask"),
-        pytest.param("mask.png", np.full((4, 6), 1, np.uint8), OUTSIDE, id="mask of ones"),
-        pytest.param("mask.png", np.full((4, 6), 127, np.uint8), OUTSIDE, id="mask below half"),
-        pytest.param(
-            "mask.png",
-            np.full((6, 4), 255, np.uint8),
-            r"mask\.png: a mask of 4 x 6 .* images have 6 x 4",
-            id="mask of another size",
-        ),
-    ],
-)
+MISFITS = {
+    "size": ("a.2.png", image(0, (4, 7)), OF_ANOTHER_SIZE),
+    "grey among RGB": ("a.2.png", np.zeros((4, 6), np.uint16), LIKE_NO_OTHER),
+    "8 bit among 16": ("a.2.png", np.zeros((4, 6, 3), np.uint8), LIKE_NO_OTHER),
+    "empty mask": ("mask.png", np.full((4, 6), 0, np.uint8), OUTSIDE),
+    "mask of ones": ("mask.png", np.full((4, 6), 1, np.uint8), OUTSIDE),
+    "mask below half": ("mask.png", np.full((4, 6), 127, np.uint8), OUTSIDE),
+    "mask of another size": (
+        "mask.png",
+        np.full((6, 4), 255, np.uint8),
+        r"mask\.png: a mask of 4 x 6 .* images have 6 x 4",
+    ),
+}
+
+
+@pytest.mark.parametrize(("name", "pixels", "said"), MISFITS.values(), ids=MISFITS)
 def test_images_and_masks_that_do_not_fit(
     tmp_path: Path, name: str, pixels: np.ndarray, said: str
 ) -> None:

@@ -107,34 +107,32 @@ def test_a_missing_image_is_reported_once_and_not_while_its_file_is_incomplete()
     }
 
 
+CONTRADICTIONS = {
+    "duplicate": (
+        [*numbered(1, 2), *named("IMG_0002.TIF")],
+        [0, 1, -1],
+        "IMG_0002.TIF: not recorded: its shot L01_E0 already has IMG_0002.CR2",
+    ),
+    "copy": (
+        [*numbered(1, 2), *named("IMG_0002 (1).CR2")],
+        [0, 1, 2],
+        "IMG_0002 (1).CR2: does not continue the numbers of IMG_0002.CR2: it gets the next",
+    ),
+    "restart": (
+        numbered(850, 851, 1),
+        [0, 1, 2],
+        "IMG_0001.CR2: is 849 numbers away from IMG_0850.CR2, more than there are shots: it",
+    ),
+    "beyond": (
+        numbered(1, 20, 37),
+        [0, 19, -1],
+        "IMG_0037.CR2: no shot is left for this image, counted from IMG_0020.CR2",
+    ),
+}
+
+
 @pytest.mark.parametrize(
-    ("arrivals", "expected", "line"),
-    [
-        pytest.param(
-            [*numbered(1, 2), *named("IMG_0002.TIF")],
-            [0, 1, -1],
-            "IMG_0002.TIF: not recorded: its shot L01_E0 already has IMG_0002.CR2",
-            id="duplicate",
-        ),
-        pytest.param(
-            [*numbered(1, 2), *named("IMG_0002 (1).CR2")],
-            [0, 1, 2],
-            "IMG_0002 (1).CR2: does not continue the numbers of IMG_0002.CR2: it gets the next",
-            id="copy",
-        ),
-        pytest.param(
-            numbered(850, 851, 1),
-            [0, 1, 2],
-            "IMG_0001.CR2: is 849 numbers away from IMG_0850.CR2, more than there are shots: it",
-            id="restart",
-        ),
-        pytest.param(
-            numbered(1, 20, 37),
-            [0, 19, -1],
-            "IMG_0037.CR2: no shot is left for this image, counted from IMG_0020.CR2",
-            id="beyond",
-        ),
-    ],
+    ("arrivals", "expected", "line"), CONTRADICTIONS.values(), ids=CONTRADICTIONS
 )
 def test_what_contradicts_the_numbers_is_reported(
     arrivals: list[Arrival], expected: list[int], line: str
