@@ -168,7 +168,7 @@ class Recording:
         # Exposure times so short that a frame without visible light was kept.
         self._unseen_us: set[float] = set()
         self._todo = Agenda(writer.missing)
-        self._total = writer.demanded
+        self._total = writer.shots.demanded
         self._done = self._total - len(self._todo)
         self._failures: Counter[ShotKey] = Counter()
         self._losses: Counter[ShotKey] = Counter()
@@ -216,14 +216,14 @@ class Recording:
         """
         while not self._queue.rests(_LOOK_S):
             self._report_damage()
-            self._hooks.on_progress(CHECKING, *self._writer.checked)
+            self._hooks.on_progress(CHECKING, *self._writer.proofs.checked)
             if stop.asked:
                 raise StoppedError("stopped by Ctrl-C while earlier frames were checked")
         self._report_damage()
-        self._writer.check_undamaged()
+        self._writer.proofs.check_undamaged()
 
     def _report_damage(self) -> None:
-        for damage in self._writer.damage:
+        for damage in self._writer.proofs.damage:
             if damage.frame.line.seq not in self._damaged:
                 self._damaged.add(damage.frame.line.seq)
                 self._hooks.on_damage(damage.text)

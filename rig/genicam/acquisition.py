@@ -12,14 +12,7 @@ from harvesters.core import Callback
 
 from rig._errors import CameraError, FrameLostError
 from rig.genicam.buffer_content import Content, ReceivedFrame
-from rig.genicam.buffers import (
-    LEAST,
-    Buffering,
-    announceable,
-    buffering,
-    memory_limit,
-    with_copies,
-)
+from rig.genicam.buffers import LEAST, Buffering, announceable, memory_limit
 from rig.genicam.errors import GENICAM_ERRORS, camera_errors
 from rig.genicam.pixels import PixelFormat
 
@@ -278,14 +271,14 @@ class Acquisition:
     def _room_for(self, frames: int) -> Buffering:
         """Return the room for this number of frames, within memory and the producer's limits."""
         payload = self._payload()
-        room = buffering(frames, payload, self._most_bytes)
+        room = Buffering.within(self._most_bytes, frames, payload)
         tried, wanted, taken = self._taken
         if payload != tried or room.buffers > wanted == taken:
             wanted, taken = room.buffers, announceable(self._stream, payload, room.buffers)
             self._taken = payload, wanted, taken
         if taken >= room.buffers:
             return room
-        return with_copies(taken or LEAST, frames, self._most_bytes // max(1, payload))
+        return Buffering.with_copies(taken or LEAST, frames, self._most_bytes // max(1, payload))
 
     def _payload(self) -> int:
         """Return the size of a buffer in bytes, as harvesters will request it."""
