@@ -73,10 +73,6 @@ class _Check(_AtLeast):
     text: str
 
 
-class _Checked(_AtLeast):
-    checks: list[_Check]
-
-
 class _MeteredLight(_AtLeast):
     led: Index
     exposure_us: _Exposure
@@ -153,7 +149,7 @@ _SCHEMAS: Final[dict[str, tuple[type[BaseModel], int]]] = {
     SET_ASIDE: (SetAside, 3),
     REOPENED: (_fields(software_version=str, torn=str, unrecorded=list[str]), 3),
     CAMERA_SETTINGS: (_fields(turned_off=list[str], settings=dict[str, _Setting]), 3),
-    "checked": (_Checked, 3),
+    "checked": (_fields(checks=list[_Check]), 3),
     "metered": (_Metered, 3),
     "retake": (_Retake, 3),
     "frames_lost": (_FramesLost, 3),
