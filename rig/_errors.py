@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Self
 
 from rig.files.guard import SgpError
@@ -82,3 +83,13 @@ def close_after(error: BaseException, close: Callable[[], object]) -> None:
         close()
     except Exception as failure:  # noqa: BLE001
         note(error, "on closing", failure)
+
+
+@contextmanager
+def closed_after_errors(close: Callable[[], object]) -> Iterator[None]:
+    """Close something if the block raises an error; a failure is added to that error as a note."""
+    try:
+        yield
+    except BaseException as error:
+        close_after(error, close)
+        raise

@@ -1,8 +1,10 @@
-"""The capture engine: run a plan on a rig and record a session."""
+"""The capture engine: run a plan on a rig to record a session, or to rehearse it."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +28,7 @@ from acquisition.session.manifest import FORMAT_VERSION, Calibrations, Labels, M
 from acquisition.session.session import Session
 from acquisition.session.session_frame import Damage
 from acquisition.session.writer import SessionWriter
-from rig import Rig
+from rig import Progress, Rig, no_progress
 
 
 def record(
@@ -187,15 +189,13 @@ def resume(
         # Read it again now that no other process can add to it.
         session = Session.open(folder)
         references = References.of(session)
-        if hooks.on_event is not None:
-            for line in writer.set_aside_events:
-                hooks.on_event(line.event, line.details)
+        for line in writer.set_aside_events:
+            hooks.on_event(line.event, line.details)
         died = sorted(set(rig.config.dead_leds) & {shot.led for shot in writer.missing})
         if died:
             details = {"leds": died, "reason": "listed as dead"}
             writer.write_event(LEFT_OUT, **details)
-            if hooks.on_event is not None:
-                hooks.on_event(LEFT_OUT, details)
+            hooks.on_event(LEFT_OUT, details)
         carry_out(rig, writer, recorded, hooks, events, references, stall_s)
     return Session.open(folder)
 
@@ -246,6 +246,67 @@ def check_resume(
     missing = session.missing_without(one.frame for one in damaged or ())
     dead = rig.config.dead_leds
     return session, recorded, tuple(shot for shot in missing if shot.led not in dead)
+
+
+def rehearse(
+    rig: Rig,
+    plan: CapturePlan,
+    *,
+    on_progress: Progress = no_progress,
+    shots: Sequence[PlannedShot] | None = None,
+) -> float:
+    """Take every shot of a plan as a recording would, but with all LEDs off, and store nothing.
+
+    Parameters
+    ----------
+    rig
+        Open rig. It stays open, with all LEDs off.
+    plan
+        Plan to rehearse, without LEDs that are listed as dead.
+    on_progress
+        Receives the stage ``dry run``, one step per shot.
+    shots
+        If given, take only these shots of the plan.
+
+    Returns
+    -------
+    float
+        Duration of the shots in seconds, without writing, metering or retakes.
+
+    Raises
+    ------
+    RigError
+        If board or camera fail.
+    DataError
+        If a shot has no exposure.
+
+    Examples
+    --------
+    >>> from acquisition import CapturePlan
+    >>> from acquisition.engine import rehearse
+    >>> from simulator import open_rig_seeing, render, scene_named
+    >>> view = render(scene_named("coin", width=64, height=52, leds=4))
+    >>> plan = CapturePlan(leds="0-3", exposures_us=(20_000.0,))
+    >>> with open_rig_seeing(view, realtime=False, camera="inside") as rig:
+    ...     seconds = rehearse(rig, plan)
+    >>> 0 < seconds < 10
+    True
+    """
+    began_s = time.monotonic()
+    chosen = plan.shots() if shots is None else shots
+    done = 0
+    for exposure_us, alike in groupby(chosen, key=lambda shot: shot.exposure_us):
+        if exposure_us is None:
+            raise DataError("the plan gives no exposure")
+        dark = [None for _ in alike]
+        if plan.sequence and rig.config.trigger == "board":
+            taken = rig.sequence(dark, exposure_us, plan.gain_db)
+        else:
+            taken = (rig.shoot(None, exposure_us, plan.gain_db) for _ in dark)
+        for _ in taken:
+            done += 1
+            on_progress("dry run", done, len(chosen))
+    return time.monotonic() - began_s
 
 
 def _fitting(

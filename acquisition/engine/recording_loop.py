@@ -40,6 +40,10 @@ LOST_RETAKES: Final = 3
 _LOOK_S: Final = 0.2
 
 
+def _nothing(*_: object) -> None:
+    """Do nothing: the callback of a caller that does not listen."""
+
+
 @dataclass(frozen=True)
 class RecordingHooks:
     """Callbacks of a recording.
@@ -65,12 +69,12 @@ class RecordingHooks:
         unless Ctrl-C was pressed meanwhile.
     """
 
-    on_frame: OnFrame | None = None
+    on_frame: OnFrame = _nothing
     on_progress: Progress = no_progress
-    on_event: OnEvent | None = None
-    on_stop: Callable[[], None] | None = None
-    on_damage: Callable[[str], None] | None = None
-    before_flats: Callable[[], None] | None = None
+    on_event: OnEvent = _nothing
+    on_stop: Callable[[], None] = _nothing
+    on_damage: Callable[[str], None] = _nothing
+    before_flats: Callable[[], None] = _nothing
 
 
 class StopRequest:
@@ -82,7 +86,7 @@ class StopRequest:
         Called at the first Ctrl-C inside the signal handler, so it must be brief and safe there.
     """
 
-    def __init__(self, on_stop: Callable[[], None] | None = None) -> None:
+    def __init__(self, on_stop: Callable[[], None]) -> None:
         self.asked = False
         self._on_stop = on_stop
         self._before: Any = None
@@ -106,8 +110,7 @@ class StopRequest:
             # The previous handler may return; the recording ends in any case.
             raise KeyboardInterrupt
         self.asked = True
-        if self._on_stop is not None:
-            self._on_stop()
+        self._on_stop()
 
 
 class StoppedError(KeyboardInterrupt):
@@ -165,7 +168,7 @@ class Recording:
         # Exposure times so short that a frame without visible light was kept.
         self._unseen_us: set[float] = set()
         self._todo = Agenda(writer.missing)
-        self._total = writer.demanded
+        self._total = writer.shots.demanded
         self._done = self._total - len(self._todo)
         self._failures: Counter[ShotKey] = Counter()
         self._losses: Counter[ShotKey] = Counter()
@@ -213,18 +216,17 @@ class Recording:
         """
         while not self._queue.rests(_LOOK_S):
             self._report_damage()
-            self._hooks.on_progress(CHECKING, *self._writer.checked)
+            self._hooks.on_progress(CHECKING, *self._writer.proofs.checked)
             if stop.asked:
                 raise StoppedError("stopped by Ctrl-C while earlier frames were checked")
         self._report_damage()
-        self._writer.check_undamaged()
+        self._writer.proofs.check_undamaged()
 
     def _report_damage(self) -> None:
-        for damage in self._writer.damage:
+        for damage in self._writer.proofs.damage:
             if damage.frame.line.seq not in self._damaged:
                 self._damaged.add(damage.frame.line.seq)
-                if self._hooks.on_damage is not None:
-                    self._hooks.on_damage(damage.text)
+                self._hooks.on_damage(damage.text)
 
     def collect(self) -> None:
         """Report the frames written since the last call, and queue rejected shots again."""
@@ -238,8 +240,7 @@ class Recording:
                 continue
             self._done += 1
             self._note_light(stored)
-            if self._hooks.on_frame is not None:
-                self._hooks.on_frame(stored.line)
+            self._hooks.on_frame(stored.line)
             self._hooks.on_progress("recording", self._done, self._total)
 
     def _note_light(self, stored: Stored) -> None:
@@ -255,8 +256,7 @@ class Recording:
     def event(self, name: str, **details: Any) -> None:
         """Queue an event for writing, and report it."""
         self._queue.put(partial(self._write_event, name, details))
-        if self._hooks.on_event is not None:
-            self._hooks.on_event(name, details)
+        self._hooks.on_event(name, details)
 
     def _take(self, stop: StopRequest) -> None:
         first = self._todo.first
@@ -266,8 +266,7 @@ class Recording:
                 # Shots that may still be rejected are retaken before the card hides the object.
                 self._queue.drain()
                 return
-            if self._hooks.before_flats is not None:
-                self._hooks.before_flats()
+            self._hooks.before_flats()
             if stop.asked:
                 return
             self._card_in_place = True
@@ -292,9 +291,7 @@ class Recording:
         """Return whether the LED was seen at a longer exposure, or none is planned."""
         if shot.led is None or not self._has_darks or self._references.light(shot) is not None:
             return True
-        brackets = range(len(self._plan.exposures_us))
-        longest_us = max(self._plan.exposure_us(shot.led, bracket) for bracket in brackets)
-        return _exposure_us(shot) >= longest_us
+        return _exposure_us(shot) >= max(self._plan.exposures_of(shot.led))
 
     def _take_one(self) -> None:
         planned = self._todo.first

@@ -75,7 +75,7 @@ def carry_out(
             room=ROOM,
             threads=THREADS,
             stall_s=stall_s,
-            when_idle=writer.check_next,
+            when_idle=writer.proofs.check_next,
         )
         try:
             recording = Recording(rig, writer, plan, queue, hooks, references)

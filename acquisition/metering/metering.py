@@ -189,15 +189,11 @@ def meter(
             f"sees within {trial.high_us / 1000:g} ms: check the LEDs' power supply, the lens cap "
             "and the aperture"
         )
-    if not goal.each:
-        least_us = min(light.exposure_us for light in alive)
-        first = {light.led: least_us for light in alive}
-    else:
-        first = {light.led: light.exposure_us for light in alive}
-    info = rig.camera.info
+    least_us = min(light.exposure_us for light in alive)
+    range_us = rig.camera.info.exposure_min_us, rig.camera.info.exposure_max_us
     by_led = {
-        led: _brackets(plan, led, us, (info.exposure_min_us, info.exposure_max_us))
-        for led, us in first.items()
+        one.led: _brackets(plan, one.led, one.exposure_us if goal.each else least_us, range_us)
+        for one in alive
     }
     chosen = plan.without(led for led in plan.leds if led not in by_led)[0]
     common = Counter(by_led.values()).most_common(1)[0][0]
@@ -319,7 +315,7 @@ def _brackets(
     plan: CapturePlan, led: int, first_us: float, range_us: tuple[float, float]
 ) -> tuple[float, ...]:
     """Return the exposures of all brackets of an LED, in the ratios of the plan."""
-    planned, *others = [plan.exposure_us(led, b) for b in range(len(plan.exposures_us))]
+    planned, *others = plan.exposures_of(led)
     ratios = [us / planned for us in others]
     exposures = (first_us, *(stepped_us(first_us * ratio, *range_us) for ratio in ratios))
     for bracket, exposure_us in enumerate(exposures):
@@ -369,7 +365,7 @@ def estimate_metered(
     shots = plan.shots()
     exposures_us = [shot.exposure_us or 0.0 for shot in shots]
     unlit_us = [shot.exposure_us or 0.0 for shot in shots if shot.role in ("dark", "ambient")]
-    own_us = [plan.exposure_us(led, b) for led in plan.leds for b in range(len(plan.exposures_us))]
+    own_us = [us for led in plan.leds for us in plan.exposures_of(led)]
     if each:
         # As many unlit frames of each exposure time as the plan has, for those of all LEDs.
         roles = len(unlit_us) // len(plan.distinct_exposures_us)

@@ -6,6 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, Final, Self
 
@@ -187,16 +188,19 @@ class CapturePlan(BaseModel):
             values["exposures_by_led"] = {str(led): own for led, own in by_led.items()}
         return values
 
+    def exposures_of(self, led: int) -> tuple[float, ...]:
+        """Return the exposure times of an LED of the plan, one for each bracket, microseconds."""
+        return self.exposures_by_led.get(led, self.exposures_us)
+
     def exposure_us(self, led: int, bracket: int) -> float:
         """Return the exposure time of an LED of the plan in a bracket, microseconds."""
-        return self.exposures_by_led.get(led, self.exposures_us)[bracket]
+        return self.exposures_of(led)[bracket]
 
     @property
     def distinct_exposures_us(self) -> tuple[float, ...]:
         """All different exposure times of the plan, in the order of brackets and LEDs."""
-        brackets = range(len(self.exposures_us))
-        used = (self.exposure_us(led, bracket) for bracket in brackets for led in self.leds)
-        return tuple(dict.fromkeys(used))
+        brackets = zip(*map(self.exposures_of, self.leds), strict=True)
+        return tuple(dict.fromkeys(chain.from_iterable(brackets)))
 
     def check(self, led_count: int, dead_leds: Iterable[int] = ()) -> None:
         """Check that the board has all LEDs of the plan and that they work.
@@ -293,8 +297,8 @@ class CapturePlan(BaseModel):
 
     def _from_longest(self, led: int) -> list[int]:
         """Return the brackets sorted by the LED's exposure time, longest first."""
-        brackets = range(len(self.exposures_us))
-        return sorted(brackets, key=lambda bracket: -self.exposure_us(led, bracket))
+        exposures_us = self.exposures_of(led)
+        return sorted(range(len(exposures_us)), key=lambda bracket: -exposures_us[bracket])
 
     def _by_exposure(self, rank: int) -> list[tuple[int, int]]:
         """Return (LED, bracket of this rank) pairs, grouped by exposure time."""

@@ -222,8 +222,7 @@ class _TrialFrames:
         self._plan = plan
         self._white_dn = float(info.white_dn if white_level_dn is None else white_level_dn)
         self._led = plan.leds[len(plan.leds) // 2]
-        brackets = range(len(plan.exposures_us))
-        self._exposures_us = [plan.exposure_us(self._led, bracket) for bracket in brackets]
+        self._exposures_us = plan.exposures_of(self._led)
 
     @cached_property
     def trials(self) -> Trials:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final, Literal
 
@@ -51,7 +52,7 @@ class Check:
     name: str
     state: State
     text: str
-    values: dict[str, float | int | str | None] = field(default_factory=dict)
+    values: Mapping[str, float | int | str | None] = field(default_factory=dict)
     findings: tuple[str, ...] = ()
 
     __repr__ = short_repr

@@ -145,10 +145,7 @@ def check_leds(rig: Rig, plan: CapturePlan, *, metered: bool = True) -> Check:
     'ok'
     """
     tested = selftest(rig)
-    values: dict[str, float | int | str | None] = {
-        "tried": len(tested.leds),
-        "exposure_us": tested.exposure_us,
-    }
+    values = {"tried": len(tested.leds), "exposure_us": tested.exposure_us}
     wrong = [finding for finding in tested.findings if finding.fault]
     lines = [finding.text for finding in wrong or tested.findings]
     if not wrong:
@@ -183,7 +180,7 @@ def check_disk(folder: Path, estimate_bytes: int) -> Check:
     except StorageError as error:
         return Check(NAME, "failed", str(error))
     needed_bytes = int(estimate_bytes * MARGIN)
-    values: dict[str, float | int | str | None] = {
+    values = {
         "free_bytes": free_bytes,
         "needed_bytes": needed_bytes,
         "write_mb_per_s": round(rate_mb_s, 1),

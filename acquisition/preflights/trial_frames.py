@@ -59,26 +59,25 @@ class Trials:
 
 def check_response(trials: Trials) -> Check:
     """Check that twice the exposure gives twice the signal: no auto exposure, no gamma."""
-    name = "response"
     valid = (trials.lit[0] < 0.9 * trials.white_dn) & (trials.half < 0.9 * trials.white_dn)
     if valid.mean() < 0.01:
-        return Check(name, "not done", "nearly every sample is saturated: shorten the exposure")
+        text = "nearly every sample is saturated: shorten the exposure"
+        return Check("response", "not done", text)
     long_dn = _mean(trials.lit[0], valid) - _mean(trials.unlit, valid)
     short_dn = _mean(trials.half, valid) - _mean(trials.half_unlit, valid)
     if short_dn < _LEAST_LIGHT_DN:
-        return Check(
-            name, "not done", f"LED {trials.led} gives too little light: lengthen the exposure", {}
-        )
+        text = f"LED {trials.led} gives too little light: lengthen the exposure"
+        return Check("response", "not done", text)
     bend = (long_dn / short_dn) / (trials.lit_us / trials.half_us) - 1
-    values: dict[str, float | int | str | None] = {"deviation": round(bend, 4), "led": trials.led}
+    values = {"deviation": round(bend, 4), "led": trials.led}
     finding = (
         f"from {trials.half_us:g} to {trials.lit_us:g} us the light of LED {trials.led} grows by "
         f"a factor of {long_dn / short_dn:.3f}, expected {trials.lit_us / trials.half_us:.3f}"
     )
     if abs(bend) <= _BENT:
-        return Check(name, "ok", f"{finding}: linear", values)
+        return Check("response", "ok", f"{finding}: linear", values)
     return Check(
-        name,
+        "response",
         "failed" if abs(bend) > _STRONGLY_BENT else "warning",
         f"{finding}: turn off the camera's automatic functions (auto exposure, auto gain, gamma, "
         "black-level and shading correction), or let the LEDs warm up",
@@ -102,12 +101,11 @@ def check_exposure(
     limit
         The plan's ``max_clipped_fraction``; frames above it are rejected.
     """
-    name = "exposure"
     clipped = {us: float(np.mean(pixels >= white_dn)) for us, pixels in frames}
     long_us, longest = max(frames, key=lambda frame: frame[0])
     short_us = min(clipped)
     level = (float(np.percentile(longest, 99.5)) - black) / (white_dn - black)
-    values: dict[str, float | int | str | None] = {
+    values = {
         "level": round(level, 4),
         "clipped_fraction": clipped[short_us],
         "most_clipped_fraction": max(clipped.values()),
@@ -120,13 +118,13 @@ def check_exposure(
             f"{max(clipped.values()):.2%} of a frame is saturated, the plan allows {limit:.2%} and "
             "the recording would end there: shorten the exposure, or meter"
         )
-        return Check(name, "failed", text, values)
+        return Check("exposure", "failed", text, values)
     if clipped[short_us] > _CLIPPED:
         text = f"{finding}: shorten the exposure, add a shorter bracket, or meter"
-        return Check(name, "warning", text, values)
+        return Check("exposure", "warning", text, values)
     if level < _DIM:
-        return Check(name, "warning", f"{finding}: lengthen the exposure, or meter", values)
-    return Check(name, "ok", finding, values)
+        return Check("exposure", "warning", f"{finding}: lengthen the exposure, or meter", values)
+    return Check("exposure", "ok", finding, values)
 
 
 def detail(one: UInt16, other: UInt16) -> tuple[float, float]:
@@ -145,25 +143,20 @@ def detail(one: UInt16, other: UInt16) -> tuple[float, float]:
 
 def check_focus(trials: Trials) -> Check:
     """Check that there is fine detail in the image."""
-    name = "focus"
     value, contrast = detail(*trials.lit)
-    values: dict[str, float | int | str | None] = {
-        "detail": round(value, 4),
-        "contrast": round(contrast, 4),
-    }
+    values = {"detail": round(value, 4), "contrast": round(contrast, 4)}
     if contrast < _CONTRAST:
         text = "there is nothing to focus on: put the object, or a ruler, under the camera"
-        return Check(name, "warning", text, values)
+        return Check("focus", "warning", text, values)
     finding = f"detail {value:.2f} (1: down to single pixels, 0.06: none finer than 8 pixels)"
     if value < _BLURRED:
         text = f"{finding}: focus the lens; an object without fine structure gives the same value"
-        return Check(name, "warning", text, values)
-    return Check(name, "ok", finding, values)
+        return Check("focus", "warning", text, values)
+    return Check("focus", "ok", finding, values)
 
 
 def check_room(trials: Trials) -> Check:
     """Compare the light of the room with that of an LED."""
-    name = "room light"
     room_dn = float(trials.unlit.mean()) - trials.black
     light_dn = float(trials.lit[0].mean()) - float(trials.unlit.mean())
     if light_dn <= 0:
@@ -171,39 +164,35 @@ def check_room(trials: Trials) -> Check:
             f"LED {trials.led} gives no light to compare with: check the LED, or lengthen the "
             "exposure"
         )
-        return Check(name, "failed", text)
+        return Check("room light", "failed", text)
     share = room_dn / light_dn
     finding = f"{max(share, 0.0):.1%} of the light of LED {trials.led}"
-    values: dict[str, float | int | str | None] = {"share": round(share, 4), "room_dn": room_dn}
+    values = {"share": round(share, 4), "room_dn": room_dn}
     if share > _ROOM:
         text = f"{finding}: darken the room; dark or ambient frames correct steady light only"
-        return Check(name, "warning", text, values)
-    return Check(name, "ok", finding, values)
+        return Check("room light", "warning", text, values)
+    return Check("room light", "ok", finding, values)
 
 
 def check_steadiness(led: int, frames: list[UInt16], unlit: UInt16, exposure_us: float) -> Check:
     """Check that equal shots at the shortest exposure of the plan give equal light."""
-    name = "steadiness"
     off_dn = float(unlit.mean())
     light_dn = np.array([float(pixels.mean()) - off_dn for pixels in frames])
     if light_dn.mean() < _LEAST_LIGHT_DN / 4:
         text = f"LED {led} gives too little light at {exposure_us:g} us: lengthen the exposure"
-        return Check(name, "not done", text)
+        return Check("steadiness", "not done", text)
     spread = float(light_dn.std(ddof=1) / light_dn.mean())
-    values: dict[str, float | int | str | None] = {
-        "spread": round(spread, 5),
-        "exposure_us": exposure_us,
-    }
+    values = {"spread": round(spread, 5), "exposure_us": exposure_us}
     finding = f"{len(frames)} shots of LED {led} at {exposure_us:g} us vary by {spread:.2%}"
     if spread <= _UNSTEADY:
-        return Check(name, "ok", finding, values)
+        return Check("steadiness", "ok", finding, values)
     periods = max(1, round(exposure_us / PWM_PERIOD_US))
     text = (
         f"{finding}: if the LEDs are dimmed by PWM, expose for a multiple of its period "
         f"({PWM_PERIOD_US:g} us for a TLC5947: {periods * PWM_PERIOD_US:g} us here), or set full "
         "brightness; otherwise check their power supply"
     )
-    return Check(name, "warning", text, values)
+    return Check("steadiness", "warning", text, values)
 
 
 def _mean(pixels: UInt16, where: Bool) -> float:

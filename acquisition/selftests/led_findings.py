@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from acquisition.selftests.finding import Finding
-from acquisition.selftests.led_places import both_on, judge_places
+from acquisition.selftests.led_places import both_on, judge_places, leds_of
 from acquisition.selftests.near_light import Images, fit, known_mean, misfits
 from rig.arrays import Bool, Float64
 
@@ -55,29 +55,18 @@ def findings(evidence: Evidence) -> list[Finding]:
     judge = _Judge(evidence)
     found = [*judge.brightness(), *judge.steadiness()]
     if evidence.positions_mm is None:
-        found += judge.equals()
-        found.append(
-            Finding(
-                "ambiguous",
-                (),
-                "swapped LEDs cannot be found without their positions: give led_positions_mm in "
-                "the rig file",
-                fault=False,
-            )
+        text = (
+            "swapped LEDs cannot be found without their positions: give led_positions_mm in the "
+            "rig file"
         )
-    elif judge.alive.sum() < _FEWEST:
-        found.append(
-            Finding(
-                "ambiguous",
-                (),
-                f"swapped LEDs can be found only if at least {_FEWEST} LEDs give light, but "
-                f"{judge.alive.sum()} did: repair the others first",
-                fault=False,
-            )
+        return [*found, *judge.equals(), Finding("ambiguous", (), text, fault=False)]
+    if (alive := judge.alive.sum()) < _FEWEST:
+        text = (
+            f"swapped LEDs can be found only if at least {_FEWEST} LEDs give light, but {alive} "
+            "did: repair the others first"
         )
-    else:
-        found += judge.places(evidence.positions_mm)
-    return found
+        return [*found, Finding("ambiguous", (), text, fault=False)]
+    return [*found, *judge.places(evidence.positions_mm)]
 
 
 class _Judge:
@@ -92,58 +81,46 @@ class _Judge:
         least = max(_DEAD * float(np.median(self._strength)), _NOISES * self._noise)
         self.alive = self._strength > least
         self._typical = float(np.median(self._strength[self.alive])) if self.alive.any() else least
-        self._glow = known_mean(evidence.dark, axis=0)
-        self._glows = bool(self._glow > least)
-
-    def _named(self, rows: Iterable[int]) -> tuple[int, ...]:
-        return tuple(sorted(self._seen.leds[row] for row in rows))
+        self._unlit = known_mean(evidence.dark, axis=0)
+        self._glows = bool(self._unlit > least)
 
     def _names(self, where: Bool) -> tuple[int, ...]:
         return tuple(led for led, true in zip(self._seen.leds, where, strict=True) if true)
 
-    def brightness(self) -> list[Finding]:
-        found = []
-        stuck = self._stuck() if self._glows else None
-        unnamed: tuple[int, ...] = ()
-        if self._glows and stuck is None:
-            found.append(self._glow_of_others())
-            unnamed = found[0].leds
-        if stuck is not None:
-            found.append(
-                Finding(
-                    "always on",
-                    (stuck,),
-                    f"LED {stuck} is on when all should be off, and its command changes nothing: "
-                    "look for a short to ground on its wire, or a broken driver output",
+    def brightness(self) -> Iterator[Finding]:
+        """Find LEDs that are dead, dim or always on, and light of others."""
+        named: tuple[int, ...] = ()
+        if self._glows:
+            glow = self._glow()
+            named = glow.leds
+            yield glow
+        for led in self._names(~self.alive):
+            if led not in named:
+                text = (
+                    f"LED {led} gives no light: check its plug, polarity and solder joints, or "
+                    "list it in dead_leds of the rig file"
                 )
-            )
-        found += [
-            Finding(
-                "dead",
-                (led,),
-                f"LED {led} gives no light: check its plug, polarity and solder joints, or list it "
-                "in dead_leds of the rig file",
-            )
-            for led in self._names(~self.alive)
-            if led != stuck and led not in unnamed
-        ]
+                yield Finding("dead", (led,), text)
         dim = self.alive & (self._strength < _DIM * self._typical)
         for led in self._names(dim):
             share = self._strength[self._seen.leds.index(led)] / self._typical
-            found.append(
-                Finding(
-                    "dim",
-                    (led,),
-                    f"LED {led} gives {share:.0%} of the light of the others: clean it, check its "
-                    "resistor, and check that nothing blocks its light",
-                )
+            text = (
+                f"LED {led} gives {share:.0%} of the light of the others: clean it, check its "
+                "resistor, and check that nothing blocks its light"
             )
-        return found
+            yield Finding("dim", (led,), text)
 
-    def _glow_of_others(self) -> Finding:
-        """Judge the light with all LEDs off if it is not that of one known LED."""
+    def _glow(self) -> Finding:
+        """Judge the light with all LEDs off."""
+        stuck = self._stuck()
+        if stuck is not None:
+            text = (
+                f"LED {stuck} is on when all should be off, and its command changes nothing: look "
+                "for a short to ground on its wire, or a broken driver output"
+            )
+            return Finding("always on", (stuck,), text)
         still = self._names(~self.alive)
-        share = self._glow / self._typical
+        share = self._unlit / self._typical
         if not self.alive.any():
             text = (
                 "the camera sees light with all LEDs off, and no LED changes it: an LED that is "
@@ -164,20 +141,18 @@ class _Judge:
         )
         return Finding("room light", (), text, fault=False)
 
-    def steadiness(self) -> list[Finding]:
+    def steadiness(self) -> Iterator[Finding]:
+        """Find LEDs that gave unequal light in two equal shots."""
         first, second = (known_mean(each, axis=1) for each in self._seen.light)
         with np.errstate(divide="ignore", invalid="ignore"):
             change = np.where(self.alive, np.abs(first - second) / self._strength, 0.0)
         limit = np.maximum(_UNSTEADY, _NOISES * self._noise / np.maximum(self._strength, 1e-9))
-        return [
-            Finding(
-                "unsteady",
-                (led,),
+        for led in self._names(change > limit):
+            text = (
                 f"LED {led} gave {change[self._seen.leds.index(led)]:.0%} more light in one of two "
-                "equal shots: check its plug and the supply",
+                "equal shots: check its plug and the supply"
             )
-            for led in self._names(change > limit)
-        ]
+            yield Finding("unsteady", (led,), text)
 
     def equals(self) -> list[Finding]:
         """Find LEDs with equal images; LEDs in different places give different ones."""
@@ -189,7 +164,7 @@ class _Judge:
                 f"{len(alike)} LEDs look alike in this view: put something larger or less flat "
                 "under the camera"
             )
-            return [Finding("ambiguous", self._named(alike), text, fault=False)]
+            return [Finding("ambiguous", leds_of(leds, alike), text, fault=False)]
         return [both_on(leds[one], leds[other], sure=True) for one, other in pairs]
 
     def places(self, positions: Float64) -> list[Finding]:

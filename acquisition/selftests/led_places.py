@@ -45,12 +45,11 @@ def judge_places(
 def both_on(led: int, other: int, *, sure: bool) -> Finding:
     """Return the finding that two LEDs are on at the same time."""
     what = "are" if sure else "seem to be"
-    return Finding(
-        "double",
-        (led, other),
+    text = (
         f"LEDs {led} and {other} {what} on at the same time: under LED {led} the camera sees the "
-        "light of both; look for a short between their wires",
+        "light of both; look for a short between their wires"
     )
+    return Finding("double", (led, other), text)
 
 
 def _doubles(
@@ -107,11 +106,11 @@ def _elsewhere(leds: tuple[int, ...], rows: Intp, misfit: Float64) -> list[Findi
             f"the light of {moved.sum()} of {len(rows)} LEDs is from another place: check mounting "
             "and led_positions_mm in the rig file before any plug"
         )
-        found = [Finding("elsewhere", _named(leds, rows[moved]), text)]
+        found = [Finding("elsewhere", leds_of(leds, rows[moved]), text)]
     best = others.min(axis=1)
     vague = ~moved & ~_better(np.minimum(own, best), np.maximum(own, best))
     if vague.any():
-        unsure = _named(leds, rows[vague])
+        unsure = leds_of(leds, rows[vague])
         # Two wrong ones of a few pull the fit, and other LEDs than theirs become vague.
         scope = "would" if len(rows) >= _MANY else "of these or of other LEDs would"
         text = (
@@ -122,7 +121,8 @@ def _elsewhere(leds: tuple[int, ...], rows: Intp, misfit: Float64) -> list[Findi
     return found
 
 
-def _named(leds: tuple[int, ...], rows: Intp) -> tuple[int, ...]:
+def leds_of(leds: tuple[int, ...], rows: Iterable[int]) -> tuple[int, ...]:
+    """Return the numbers of the LEDs in these rows, in order."""
     return tuple(sorted(leds[row] for row in rows))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -108,40 +109,27 @@ def selftest(rig: Rig, *, on_progress: Progress = no_progress) -> SelfTest:
     return SelfTest(found, leds, exposure_us, wires)
 
 
-def _of_wires(wires: Wires, config: RigConfig) -> list[Finding]:
+def _of_wires(wires: Wires, config: RigConfig) -> Iterator[Finding]:
     """Compare the wires with the rig file."""
-    found = []
     if not wires.trigger:
-        found.append(
-            Finding(
-                "trigger",
-                (),
-                "the board's trigger pulse does not make the camera expose: check the wire to its "
-                "line input, and trigger_line in the rig file; until then only software triggers "
-                "work, and no sequences",
-                fault=config.trigger == "board",
-            )
+        text = (
+            "the board's trigger pulse does not make the camera expose: check the wire to its line "
+            "input, and trigger_line in the rig file; until then only software triggers work, and "
+            "no sequences"
         )
+        yield Finding("trigger", (), text, fault=config.trigger == "board")
     if wires.exposure_active and not config.exposure_active:
-        found.append(
-            Finding(
-                "exposure active",
-                (),
-                "the camera's exposure-active output is wired to the board: set exposure_active = "
-                "true in the rig file to check it with every flash",
-                fault=False,
-            )
+        text = (
+            "the camera's exposure-active output is wired to the board: set exposure_active = true "
+            "in the rig file to check it with every flash"
         )
+        yield Finding("exposure active", (), text, fault=False)
     if config.exposure_active and not wires.exposure_active:
-        found.append(
-            Finding(
-                "exposure active",
-                (),
-                "the board does not see the camera's exposure-active output: check that wire and "
-                "the camera's line output, or set exposure_active = false in the rig file",
-            )
+        text = (
+            "the board does not see the camera's exposure-active output: check that wire and the "
+            "camera's line output, or set exposure_active = false in the rig file"
         )
-    return found
+        yield Finding("exposure active", (), text)
 
 
 class _Camera:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 
 from acquisition._errors import DataError
 from acquisition.session.journal import (
@@ -30,6 +30,8 @@ RESERVED: Final = frozenset({COMPACTED, REOPENED, SET_ASIDE, UPGRADED})
 _Fraction = Annotated[float, Field(ge=0, le=1)]
 _Exposure = Annotated[float, Field(gt=0)]
 _Count = Annotated[int, Field(ge=0)]
+_Seconds = Annotated[float, Field(ge=0)]
+_Setting = bool | int | float | str
 _KeptPath = Annotated[str, Field(pattern=r"^derived/set_aside/[A-Za-z0-9_][A-Za-z0-9._-]*$")]
 
 
@@ -65,23 +67,10 @@ class Upgraded(LinePart):
     software_version: str
 
 
-class _LeftOut(_AtLeast):
-    leds: list[Index]
-
-
-class _CameraSettings(_AtLeast):
-    turned_off: list[str]
-    settings: dict[str, bool | int | float | str]
-
-
 class _Check(_AtLeast):
     name: str
     state: Literal["ok", "warning", "failed", "not done"]
     text: str
-
-
-class _Checked(_AtLeast):
-    checks: list[_Check]
 
 
 class _MeteredLight(_AtLeast):
@@ -122,32 +111,9 @@ class _FramesLost(_AtLeast):
     buffers: _Count | None = None
 
 
-class _NoLightSeen(_AtLeast):
-    led: Index
-    exposure_us: _Exposure
-
-
-class _Paused(_AtLeast):
+class _Ended(_AtLeast):
     reason: str
-    waiting: _Count
-
-
-class _Resumed(_AtLeast):
-    seconds: Annotated[float, Field(ge=0)]
-
-
-class _WithReason(_AtLeast):
-    reason: str
-
-
-class _Ended(_WithReason):
     leds_confirmed_off: bool | None = None
-
-
-class _Reopened(_AtLeast):
-    software_version: str
-    torn: str
-    unrecorded: list[str]
 
 
 class _FromFiles(_AtLeast):
@@ -167,24 +133,30 @@ class _Watched(_FromFiles):
     shots: list[str]
 
 
+def _fields(**kinds: Any) -> type[BaseModel]:
+    """Return the schema of details that must have these fields."""
+    required: dict[str, Any] = {name: (kind, ...) for name, kind in kinds.items()}
+    return create_model("Details", __base__=_AtLeast, **required)
+
+
 # Each schema with the first format version in which it is checked. Details that readers act on are
 # checked in all versions that have the event. Details for people are checked from version 3, whose
 # writers check them, too: sessions of older versions must stay readable.
 _SCHEMAS: Final[dict[str, tuple[type[BaseModel], int]]] = {
     COMPACTED: (Compacted, 1),
-    LEFT_OUT: (_LeftOut, 2),
+    LEFT_OUT: (_fields(leds=list[Index]), 2),
     UPGRADED: (Upgraded, 2),
     SET_ASIDE: (SetAside, 3),
-    REOPENED: (_Reopened, 3),
-    CAMERA_SETTINGS: (_CameraSettings, 3),
-    "checked": (_Checked, 3),
+    REOPENED: (_fields(software_version=str, torn=str, unrecorded=list[str]), 3),
+    CAMERA_SETTINGS: (_fields(turned_off=list[str], settings=dict[str, _Setting]), 3),
+    "checked": (_fields(checks=list[_Check]), 3),
     "metered": (_Metered, 3),
     "retake": (_Retake, 3),
     "frames_lost": (_FramesLost, 3),
-    "no_light_seen": (_NoLightSeen, 3),
-    "paused": (_Paused, 3),
-    "resumed": (_Resumed, 3),
-    "not_sequenced": (_WithReason, 3),
+    "no_light_seen": (_fields(led=Index, exposure_us=_Exposure), 3),
+    "paused": (_fields(reason=str, waiting=_Count), 3),
+    "resumed": (_fields(seconds=_Seconds), 3),
+    "not_sequenced": (_fields(reason=str), 3),
     "interrupted": (_Ended, 3),
     "failed": (_Ended, 3),
     "imported": (_Imported, 3),

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
+from acquisition._errors import DataError
 from acquisition.session.frame_check import frame_damage
 from acquisition.session.manifest import CameraRecord
 from acquisition.session.session import Examination, examine
@@ -57,6 +58,12 @@ class FrameProofs:
         with self._lock:
             return tuple(self._damage[seq] for seq in sorted(self._damage))
 
+    def check_undamaged(self) -> None:
+        """Raise DataError if a frame that was read back is damaged."""
+        if damage := self.damage:
+            more = f"; {len(damage)} frames are damaged" if len(damage) > 1 else ""
+            raise DataError(f"{damage[0].text}{more}")
+
     def written(self, frame: SessionFrame) -> None:
         """Note a frame that this process has just stored."""
         with self._lock:
@@ -64,14 +71,11 @@ class FrameProofs:
             self._intact[frame.line.seq] = _signature(frame.path)
 
     def forget(self, frames: Iterable[SessionFrame]) -> None:
-        """Remove frames that were set aside."""
+        """Remove frames that were read back and are now set aside."""
         with self._lock:
             for seq in (frame.line.seq for frame in frames):
                 for by_seq in (self._frames, self._intact, self._damage):
                     by_seq.pop(seq, None)
-                if seq in self._unread:
-                    self._unread.remove(seq)
-                    self._total -= 1
 
     def check_next(self) -> bool:
         """Read back one more earlier frame; return False if none is left."""

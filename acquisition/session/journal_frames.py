@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from typing import Final
 
@@ -125,9 +125,8 @@ class _Reading:
         complaint = self._complaint(line)
         if complaint is not None:
             self._problem(line, complaint)
-        self.recorded.frames[line.seq] = SessionFrame(
-            self._folder / line.file, line, line.bytes, line.file_sha256, self._camera.shape
-        )
+        path = self._folder / line.file
+        self.recorded.frames[line.seq] = SessionFrame.recorded(path, line, self._camera.shape)
         shot = self._shots.get(line.key) or line.shot
         reported = {} if line.echo is None else {BOARD: line.echo.led}
         conflict = wrong_light(shot, reported, echoes=self._echoes)
@@ -153,12 +152,9 @@ class _Reading:
         if frame is None:
             self._problem(line, "compacts a frame that does not exist")
             return
-        self.recorded.frames[details.frame_seq] = SessionFrame(
-            self._folder / details.file,
-            frame.line,
-            details.bytes,
-            details.file_sha256,
-            self._camera.shape,
+        path = self._folder / details.file
+        self.recorded.frames[details.frame_seq] = replace(
+            frame, path=path, bytes=details.bytes, file_sha256=details.file_sha256
         )
         self._take_file(details.frame_seq, line, details.file)
 

@@ -144,20 +144,18 @@ class LightColumns(Table):
 def _errors(records: tuple[LightRecord, ...], *, near: bool) -> LightErrors:
     """Return the errors of lights: NaN, or 0 spheres, for a light without them."""
 
-    def column(key: str, *shape: int) -> Float64 | None:
+    def column(key: str) -> Float64 | None:
         rows = [getattr(record, key) for record in records]
-        if all(row is None for row in rows):
+        known = next((row for row in rows if row is not None), None)
+        if known is None:
             return None
-        unknown = np.full(shape, np.nan)
+        unknown = np.full(np.shape(known), np.nan)
         return np.array([unknown if row is None else row for row in rows], np.float64)
 
+    keys = ERROR_KEYS.keys() - {"spheres", "covariance_rad2" if near else "covariance_mm2"}
     return LightErrors(
-        column("covariance_mm2", 3, 3) if near else column("covariance_rad2", 2, 2),
-        column("intensity_std", 3),
-        column("axis_std_deg"),
-        column("mu_std"),
-        column("residual_px"),
-        np.array([record.spheres or 0 for record in records]),
+        **{ERROR_KEYS[key]: column(key) for key in keys},
+        spheres=np.array([record.spheres or 0 for record in records]),
     )
 
 

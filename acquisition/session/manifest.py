@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from math import isqrt
 from pathlib import Path
@@ -299,13 +299,11 @@ class Manifest(Table):
         """
         model, sensor = calibrations.camera_model, calibrations.sensor
         lights = calibrations.lights
+        texts = asdict(labels)
         values = {
             "started_utc": datetime.now(UTC),
-            "operator": labels.operator,
-            "object": labels.object_name,
-            "place": labels.place,
-            "notes": labels.notes,
-            "rights": labels.rights,
+            "object": texts.pop("object_name"),
+            **texts,
             "camera": camera,
             "echoes": None if others.get("rig") is None else True,
             "camera_model": None if model is None else CameraModelRecord.of(model),

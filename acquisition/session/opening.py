@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+from contextlib import ExitStack
 from pathlib import Path
+from typing import NamedTuple
 
 from acquisition._errors import DataError, MissingPathError, StorageError
 from acquisition.files.software import software_version
@@ -25,7 +27,35 @@ from acquisition.session.journal_file import Clock, JournalFile, utc_now
 from acquisition.session.layout import COMPLETE, FRAMES, JOURNAL, MANIFEST
 from acquisition.session.manifest import Manifest
 from acquisition.session.session import Examination, Session, examine
-from rig import Progress, no_progress
+from rig import Progress
+
+
+class OpenSession(NamedTuple):
+    """A session that is locked for this process alone.
+
+    Parameters
+    ----------
+    folder, manifest
+        The session and its ``session.toml``.
+    journal
+        The open journal.
+    lock
+        Descriptor that holds the lock until it is closed.
+    proofs
+        Checks of its frames.
+    session
+        The session after reopening; None if it is new.
+    set_aside_events
+        Events of the frames that were set aside now.
+    """
+
+    folder: Path
+    manifest: Manifest
+    journal: JournalFile
+    lock: int
+    proofs: FrameProofs
+    session: Session | None = None
+    set_aside_events: tuple[EventLine, ...] = ()
 
 
 def lock_session(folder: Path) -> int:
@@ -52,12 +82,7 @@ def lock_session(folder: Path) -> int:
     return lock_folder(folder)
 
 
-def take_up(
-    folder: Path,
-    *,
-    set_aside_damaged: bool = False,
-    on_progress: Progress = no_progress,
-) -> tuple[Session, JournalFile, int, FrameProofs, tuple[EventLine, ...]]:
+def take_up(folder: Path, *, set_aside_damaged: bool, on_progress: Progress) -> OpenSession:
     """Lock an incomplete session for this process alone and prepare it for new frames.
 
     Parameters
@@ -70,26 +95,14 @@ def take_up(
     on_progress
         Receives the stage ``checking recorded frames``, one step per frame.
 
-    Returns
-    -------
-    session
-        The session after reopening.
-    journal
-        The open journal.
-    lock
-        Descriptor that holds the lock until it is closed.
-    proofs
-        Checks of its frames.
-    events
-        Events of the frames that were set aside now.
-
     Raises
     ------
     MissingPathError, DataError, StorageError
         As for `SessionWriter.reopen`. The lock is released.
     """
-    lock = lock_session(folder)
-    try:
+    with ExitStack() as undo:
+        lock = lock_session(folder)
+        undo.callback(os.close, lock)
         examination = examine(folder)
         session = examination.sound(but_for_frames=set_aside_damaged)
         if session.complete and not set_aside_damaged:
@@ -99,20 +112,14 @@ def take_up(
         damaged = damaged_frames_of(examination, proofs, on_progress) if set_aside_damaged else ()
         if session.complete and not damaged:
             raise DataError(f"{folder}: is complete and no frame is damaged; leave it as it is")
-        events: tuple[EventLine, ...] = ()
         journal = _reopened(examination, session)
+        undo.callback(journal.close)
+        events = set_frames_aside(session, journal, damaged)
         if damaged:
-            try:
-                events = set_frames_aside(session, journal, damaged)
-                session = examine(folder).sound()
-                proofs.forget(one.frame for one in damaged)
-            except BaseException:
-                journal.close()
-                raise
-    except BaseException:
-        os.close(lock)
-        raise
-    return session, journal, lock, proofs, events
+            session = examine(folder).sound()
+            proofs.forget(one.frame for one in damaged)
+        undo.pop_all()
+        return OpenSession(folder, session.manifest, journal, lock, proofs, session, events)
 
 
 def _reopened(examination: Examination, session: Session) -> JournalFile:
@@ -133,15 +140,8 @@ def _reopened(examination: Examination, session: Session) -> JournalFile:
     return JournalFile.resume(path, examination.journal, utc_now, details)
 
 
-def begin(folder: Path, manifest: Manifest, clock: Clock) -> tuple[JournalFile, int]:
+def begin(folder: Path, manifest: Manifest, clock: Clock) -> OpenSession:
     """Create a session in a new or empty folder and lock it for this process.
-
-    Returns
-    -------
-    journal
-        The open journal.
-    lock
-        Descriptor that holds the lock until it is closed.
 
     Raises
     ------
@@ -152,8 +152,9 @@ def begin(folder: Path, manifest: Manifest, clock: Clock) -> tuple[JournalFile, 
     library_path(folder)  # the image libraries require a UTF-8 path
     data = to_toml(manifest)
     make_folder(folder)
-    lock = lock_folder(folder)
-    try:
+    with ExitStack() as undo:
+        lock = lock_folder(folder)
+        undo.callback(os.close, lock)
         with disk(folder, "list the folder"):
             names = sorted(path.name for path in folder.iterdir())
         # A temporary file of a creation that was killed does not count.
@@ -164,7 +165,5 @@ def begin(folder: Path, manifest: Manifest, clock: Clock) -> tuple[JournalFile, 
         write_durably(folder / MANIFEST, data)
         make_folder(folder / FRAMES)
         journal = JournalFile.begin(folder / JOURNAL, sha256_of(data), clock)
-    except BaseException:
-        os.close(lock)
-        raise
-    return journal, lock
+        undo.pop_all()
+        return OpenSession(folder, manifest, journal, lock, FrameProofs(manifest.camera))

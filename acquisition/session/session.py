@@ -67,9 +67,6 @@ class Session:
         Planned shots without a frame that counts that are not required, because their LED is dead.
     warnings
         Tolerated irregularities.
-    lost_lines
-        The warning that the journal seems to have lost its last lines, which is also one of
-        ``warnings``; None if it does not.
     """
 
     folder: Path
@@ -83,7 +80,6 @@ class Session:
     missing: tuple[PlannedShot, ...]
     left_out: tuple[PlannedShot, ...]
     warnings: tuple[Notice, ...]
-    lost_lines: Notice | None = None
 
     def __repr__(self) -> str:
         state = "complete" if self.complete else f"incomplete, {len(self.missing)} missing"
@@ -118,6 +114,11 @@ class Session:
         dead = _dead_leds(self.events, self.manifest)
         shots = () if plan is None else plan.shots()
         return tuple(s for s in shots if s.key not in kept and s.led not in dead)
+
+    @property
+    def lost_lines(self) -> Notice | None:
+        """The warning that the journal seems to have lost its last lines, if there is one."""
+        return next((one for one in self.warnings if one.code == "journal-lines-lost"), None)
 
     @property
     def camera_model(self) -> CameraModel | None:
@@ -207,36 +208,32 @@ def _examine(folder: Path) -> Examination:
         raise MissingPathError(f"{folder}: no such folder")
     if not is_session(folder):
         raise DataError(f"{folder}: is not a session: it has no {MANIFEST}")
-    problems = list(_links(folder))
-    warnings: list[Notice] = []
-    manifest, toml_sha256 = _manifest(folder, problems)
+    found: list[str | Notice] = [*_links(folder)]
+    manifest, toml_sha256 = _manifest(folder, found)
     data, mark = _journal_and_mark(folder)
-    journal = parse_journal(data or b"")
-    _check_journal(folder, journal, toml_sha256, problems, warnings)
-    complete = _completion(folder, mark, data, journal, problems, warnings)
+    journal, complete = parse_journal(data or b""), mark is not None
+    found += _check_journal(folder, journal, toml_sha256)
+    found += _check_mark(folder, mark, data, journal)
     if manifest is None:
-        return Examination(None, journal, frozenset(), toml_sha256, tuple(problems), {})
-    warnings += clock_steps(folder, manifest, journal)
+        return Examination(None, journal, frozenset(), toml_sha256, _problems(found), {})
+    found += clock_steps(folder, manifest, journal)
     planned = () if manifest.plan is None else manifest.plan.shots()
     recorded = recorded_frames(folder, manifest, planned, journal)
-    problems += recorded.problems
+    found += recorded.problems
     counted = recorded.counted()
-    problems += _unmatched_lights(folder, manifest, counted.values())
+    found += _unmatched_lights(folder, manifest, counted.values())
     events = tuple(line for line in journal.lines if isinstance(line, EventLine))
     dead = _dead_leds(events, manifest)
     absent = [shot for shot in planned if shot.key not in counted]
     missing = tuple(shot for shot in absent if shot.led not in dead)
     if complete and missing and journal.damage is None:
-        problems.append(
+        found.append(
             f"{folder / COMPLETE}: exists although "
             f"{pluralize(len(missing), 'planned frame is', 'planned frames are')} missing, "
             f"first {missing[0].file}"
         )
-    lost_lines = None
     if not complete and journal.lines and journal.damage is None:
-        hint, many = _unrecorded_hint(folder, recorded.names)
-        warnings += [hint] if hint else []
-        lost_lines = hint if many else None
+        found += _unrecorded_hint(folder, recorded.names)
     session = Session(
         folder=folder,
         manifest=manifest,
@@ -248,11 +245,14 @@ def _examine(folder: Path) -> Examination:
         complete=complete,
         missing=missing,
         left_out=tuple(shot for shot in absent if shot.led in dead),
-        warnings=tuple(warnings),
-        lost_lines=lost_lines,
+        warnings=tuple(one for one in found if isinstance(one, Notice)),
     )
     names = frozenset(recorded.names)
-    return Examination(session, journal, names, toml_sha256, tuple(problems), recorded.flaws)
+    return Examination(session, journal, names, toml_sha256, _problems(found), recorded.flaws)
+
+
+def _problems(found: Iterable[str | Notice]) -> tuple[str, ...]:
+    return tuple(one for one in found if isinstance(one, str))
 
 
 def _dead_leds(events: Iterable[EventLine], manifest: Manifest) -> frozenset[int]:
@@ -282,11 +282,11 @@ def _links(folder: Path) -> Iterator[str]:
             yield f"{path}: is a link that leaves the session; replace the link by its target"
 
 
-def _unrecorded_hint(folder: Path, recorded: set[str]) -> tuple[Notice | None, bool]:
-    """Return a warning about files without a line, and whether there are suspiciously many."""
+def _unrecorded_hint(folder: Path, recorded: set[str]) -> Iterator[Notice]:
+    """Report files without a line, which may be suspiciously many."""
     files = [path.name for path in _names(folder / FRAMES) if path.name not in recorded]
     if not files:
-        return None, False
+        return
     many = len(files) > WRITERS
     explained = "written when the recording was interrupted; files without a line do not count"
     lost = (
@@ -299,8 +299,9 @@ def _unrecorded_hint(folder: Path, recorded: set[str]) -> tuple[Notice | None, b
         f"{lost if many else explained}"
     )
     if many:
-        return Notice("journal-lines-lost", text, str(folder / FRAMES)), True
-    return Notice("frames-without-line", text, str(folder / FRAMES)), False
+        yield Notice("journal-lines-lost", text, str(folder / FRAMES))
+    else:
+        yield Notice("frames-without-line", text, str(folder / FRAMES))
 
 
 def _bytes(path: Path, most_bytes: int) -> bytes | None:
@@ -324,7 +325,7 @@ def _journal_and_mark(folder: Path) -> tuple[bytes | None, bytes | None]:
         data = again
 
 
-def _manifest(folder: Path, problems: list[str]) -> tuple[Manifest | None, str]:
+def _manifest(folder: Path, problems: list[str | Notice]) -> tuple[Manifest | None, str]:
     path = folder / MANIFEST
     data = _bytes(path, MAX_TOML_BYTES)
     if data is None:
@@ -337,56 +338,44 @@ def _manifest(folder: Path, problems: list[str]) -> tuple[Manifest | None, str]:
         return None, sha256_of(data)
 
 
-def _check_journal(
-    folder: Path, journal: Journal, toml_sha256: str, problems: list[str], warnings: list[Notice]
-) -> None:
+def _check_journal(folder: Path, journal: Journal, toml_sha256: str) -> Iterator[str | Notice]:
     path = folder / JOURNAL
     if journal.damage is not None:
-        problems.append(f"{path}: {journal.damage}; restore the file, its frames may be intact")
+        yield f"{path}: {journal.damage}; restore the file, its frames may be intact"
     if journal.torn:
         text = (
             f"writing the last line was interrupted ({len(journal.torn)} bytes); it does not count"
         )
-        warnings.append(Notice("journal-line-torn", text, str(path)))
+        yield Notice("journal-line-torn", text, str(path))
     if journal.unterminated:
         text = "the last line lacks its newline but is intact; it counts"
-        warnings.append(Notice("journal-line-unterminated", text, str(path)))
+        yield Notice("journal-line-unterminated", text, str(path))
     if journal.lines:
         start = journal.lines[0]
         if isinstance(start, StartLine) and toml_sha256 != start.session_toml_sha256:
-            problems.append(
-                f"{folder / MANIFEST}: differs from the one that the journal belongs to; restore it"
-            )
+            path = folder / MANIFEST
+            yield f"{path}: differs from the one that the journal belongs to; restore it"
     elif journal.damage is None:
         # The process was killed between the first two writes: nothing was recorded yet.
         if (folder / COMPLETE).exists() or any(_names(folder / FRAMES)):
-            problems.append(f"{path}: is missing or empty although frames exist; restore it")
+            yield f"{path}: is missing or empty although frames exist; restore it"
         else:
             text = "the recording ended before its first line"
-            warnings.append(Notice("journal-empty", text, str(path)))
+            yield Notice("journal-empty", text, str(path))
 
 
-def _completion(
-    folder: Path,
-    mark: bytes | None,
-    data: bytes | None,
-    journal: Journal,
-    problems: list[str],
-    warnings: list[Notice],
-) -> bool:
+def _check_mark(
+    folder: Path, mark: bytes | None, data: bytes | None, journal: Journal
+) -> Iterator[str | Notice]:
     path = folder / COMPLETE
     if mark is None:
         if (folder / ASIDE).is_file():
             text = "a compaction was interrupted: compact the session again"
-            warnings.append(Notice("compaction-interrupted", text, str(folder)))
-        return False
-    if mark != completion_mark(data or b""):
-        problems.append(f"{path}: does not match {JOURNAL}; one of the two was changed, restore it")
+            yield Notice("compaction-interrupted", text, str(folder))
+    elif mark != completion_mark(data or b""):
+        yield f"{path}: does not match {JOURNAL}; one of the two was changed, restore it"
     elif journal.torn or journal.unterminated:
-        problems.append(
-            f"{folder / JOURNAL}: ends in an incomplete line although the session is complete"
-        )
-    return True
+        yield f"{folder / JOURNAL}: ends in an incomplete line although the session is complete"
 
 
 def _names(folder: Path) -> Iterator[Path]:

@@ -42,6 +42,11 @@ class SessionFrame:
     file_sha256: str
     shape: tuple[int, ...]
 
+    @classmethod
+    def recorded(cls, path: Path, line: FrameLine, shape: tuple[int, ...]) -> SessionFrame:
+        """Return a frame whose file is the one of its line."""
+        return cls(path, line, line.bytes, line.file_sha256, shape)
+
     def __repr__(self) -> str:
         led = "" if self.led is None else f", LED {self.led}"
         exposure = "" if self.exposure_us is None else f", {self.exposure_us:g} us"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -103,23 +104,22 @@ def verify_session(folder: str | Path) -> Verification:
     session = examination.session
     if session is None:
         return Verification(folder, False, examination.problems, (), 0, 0, (), (), (), (), 0)
-    problems = list(examination.problems)
-    warnings = list(session.warnings)
+    found: list[str | Notice] = [*examination.problems, *session.warnings]
     damaged = []
     for frame in session.recorded:
         camera = session.manifest.camera
         damage = examination.flaws.get(frame.line.seq) or frame_damage(frame, camera)
         if damage is not None:
             damaged.append(frame.path.name)
-            problems.append(damage.text)
+            found.append(damage.text)
     # Lines after a damaged one cannot be trusted, so later files cannot be checked.
     if examination.journal.damage is None:
-        _check_files(folder, examination.names, session.complete, problems, warnings)
+        found += _check_files(folder, examination.names, session.complete)
     return Verification(
         folder=folder,
         complete=session.complete,
-        problems=tuple(dict.fromkeys(problems)),
-        warnings=tuple(warnings),
+        problems=tuple(dict.fromkeys(one for one in found if isinstance(one, str))),
+        warnings=tuple(one for one in found if isinstance(one, Notice)),
         frames=sum(isinstance(line, FrameLine) for line in examination.journal.lines),
         events=len(session.events),
         missing=tuple(shot.file for shot in session.missing),
@@ -130,13 +130,7 @@ def verify_session(folder: str | Path) -> Verification:
     )
 
 
-def _check_files(
-    folder: Path,
-    recorded: frozenset[str],
-    complete: bool,
-    problems: list[str],
-    warnings: list[Notice],
-) -> None:
+def _check_files(folder: Path, recorded: frozenset[str], complete: bool) -> Iterator[str | Notice]:
     frames = folder / FRAMES
     for path in sorted(frames.iterdir()) if frames.is_dir() else ():
         if path.name in recorded:
@@ -144,9 +138,9 @@ def _check_files(
         if is_hidden(path):
             if not path.is_dir():
                 text = "was left by an unfinished write; it can be deleted"
-                warnings.append(Notice("part-file-left", text, str(path), "info"))
+                yield Notice("part-file-left", text, str(path), "info")
         elif complete:
-            problems.append(
+            yield (
                 f"{path}: is in no line of the journal; if lines are missing there, restore the "
                 "journal"
             )

@@ -17,16 +17,15 @@ from acquisition.plan.planned_shot import PlannedShot
 from acquisition.session.event_details import check_event
 from acquisition.session.frame_check import measure_frame
 from acquisition.session.frame_file import FrameNames, store_frame
-from acquisition.session.frame_proofs import FrameProofs
 from acquisition.session.journal import Echo, EventLine, FrameLine
-from acquisition.session.journal_file import AnyLine, Clock, JournalFile, utc_now
+from acquisition.session.journal_file import AnyLine, Clock, utc_now
 from acquisition.session.layout import COMPLETE, FRAMES, completion_mark
 from acquisition.session.light_proof import BOARD, wrong_light
 from acquisition.session.manifest import Manifest
 from acquisition.session.open_shots import OpenShots
-from acquisition.session.opening import begin, take_up
-from acquisition.session.session import Session, examine
-from acquisition.session.session_frame import Damage, SessionFrame
+from acquisition.session.opening import OpenSession, begin, take_up
+from acquisition.session.session import examine
+from acquisition.session.session_frame import SessionFrame
 from acquisition.session.shared_files import SharedUse
 from rig import Progress, no_progress, pluralize
 from rig.arrays import UInt16
@@ -68,34 +67,30 @@ class SessionWriter:
     Several threads may write at the same time: frames are written in parallel, lines one by one. If
     one thread closes the session while another is still writing, that write finishes without adding
     a line, and only then the lock is released.
+
+    Attributes
+    ----------
+    shots
+        The shots of the plan that are still to be taken.
+    proofs
+        The checks of all frames, which `complete` requires.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        manifest: Manifest,
-        journal: JournalFile,
-        lock: int,
-        session: Session | None = None,
-        proofs: FrameProofs | None = None,
-        set_aside_events: tuple[EventLine, ...] = (),
-    ) -> None:
-        self.folder = folder
-        self.manifest = manifest
-        self.set_aside_events = set_aside_events
-        self._journal = journal
-        self._lock = lock
-        self._use = SharedUse(folder, self._release)
+    def __init__(self, opened: OpenSession) -> None:
+        self.folder, self.manifest, session = opened.folder, opened.manifest, opened.session
+        self.set_aside_events = opened.set_aside_events
+        self._journal, self._lock, self.proofs = opened.journal, opened.lock, opened.proofs
+        self._use = SharedUse(self.folder, self._release)
         self._order = threading.Lock()  # held while a line is written
         self._sound = True
-        self._shots = OpenShots(manifest.plan, session)
-        self._version = manifest.format_version if session is None else session.format_version
-        self._proofs = proofs or FrameProofs(manifest.camera)
-        recorded = () if session is None else session.recorded
-        aside = () if session is None else session.set_aside
-        frames = (*recorded, *(one.frame for one in aside))
+        self.shots = OpenShots(self.manifest.plan, session)
+        self._version: int = self.manifest.format_version
+        frames: list[SessionFrame] = []
+        if session is not None:
+            self._version = session.format_version
+            frames = [*session.recorded, *(one.frame for one in session.set_aside)]
         names = (Path(frame.line.file).name for frame in frames)
-        self._names = FrameNames(folder / FRAMES, manifest.plan, names)
+        self._names = FrameNames(self.folder / FRAMES, self.manifest.plan, names)
 
     @classmethod
     def create(cls, folder: str | Path, manifest: Manifest, *, clock: Clock = utc_now) -> Self:
@@ -117,8 +112,7 @@ class SessionWriter:
         StorageError
             If the folder is not empty, another process records into it, or the disk refuses.
         """
-        journal, lock = begin(Path(folder), manifest, clock)
-        return cls(Path(folder), manifest, journal, lock)
+        return cls(begin(Path(folder), manifest, clock))
 
     @classmethod
     def reopen(
@@ -154,44 +148,13 @@ class SessionWriter:
         StorageError
             If another process records into it, or the disk refuses.
         """
-        session, journal, lock, proofs, events = take_up(
-            Path(folder), set_aside_damaged=set_aside_damaged, on_progress=on_progress
-        )
-        return cls(session.folder, session.manifest, journal, lock, session, proofs, events)
+        folder = Path(folder)
+        return cls(take_up(folder, set_aside_damaged=set_aside_damaged, on_progress=on_progress))
 
     @property
     def missing(self) -> tuple[PlannedShot, ...]:
         """Planned shots that are required and not recorded yet, in plan order."""
-        return self._shots.missing
-
-    @property
-    def demanded(self) -> int:
-        """Number of shots of a complete session: all of the plan except those left out."""
-        return self._shots.demanded
-
-    @property
-    def checked(self) -> tuple[int, int]:
-        """Number of frames of earlier processes read back so far, and their total."""
-        return self._proofs.checked
-
-    @property
-    def damage(self) -> tuple[Damage, ...]:
-        """Frames that were damaged when they were read back, in order of recording."""
-        return self._proofs.damage
-
-    def check_next(self) -> bool:
-        """Read back one more frame of an earlier process; return False if none is left.
-
-        `complete` requires these checks. May be called from any thread, even while frames are
-        written.
-        """
-        return self._proofs.check_next()
-
-    def check_undamaged(self) -> None:
-        """Raise DataError if a frame that was read back is damaged."""
-        if damage := self.damage:
-            more = f"; {len(damage)} frames are damaged" if len(damage) > 1 else ""
-            raise DataError(f"{damage[0].text}{more}")
+        return self.shots.missing
 
     def measure(self, shot: PlannedShot, pixels: UInt16) -> FrameQuality:
         """Measure a frame, and check that it belongs to this session.
@@ -201,7 +164,7 @@ class SessionWriter:
         DataError
             If the pixels do not agree with the manifest, or the shot is not in the plan.
         """
-        self._shots.planned(shot, self.folder)
+        self.shots.planned(shot, self.folder)
         return measure_frame(pixels, self.manifest.camera, self.folder, shot.file)
 
     def write_frame(
@@ -253,7 +216,7 @@ class SessionWriter:
         StorageError
             If the disk refuses. Frames recorded before stay intact.
         """
-        planned = self._shots.planned(shot, self.folder)
+        planned = self.shots.planned(shot, self.folder)
         lit = {} if echo is None else {BOARD: echo.led}
         conflict = wrong_light(planned, lit, echoes=bool(self.manifest.echoes))
         if conflict is not None:
@@ -281,10 +244,7 @@ class SessionWriter:
             values |= {"file": f"{FRAMES}/{path.name}", **asdict(stored)}
             before_line()
             line = self._append(FrameLine, values)
-            camera = self.manifest.camera
-            self._proofs.written(
-                SessionFrame(path, line, line.bytes, line.file_sha256, camera.shape)
-            )
+            self.proofs.written(SessionFrame.recorded(path, line, self.manifest.camera.shape))
             return line
 
     def write_event(self, event: str, **details: Any) -> EventLine:
@@ -325,8 +285,8 @@ class SessionWriter:
                 f"first {missing[0].file}; take them before completing"
             )
         with self._used():
-            self._proofs.check_all()
-            self.check_undamaged()
+            self.proofs.check_all()
+            self.proofs.check_undamaged()
         with self._used(), self._order:
             mark = completion_mark(self._journal.read_back())
             examine(self.folder).sound()
@@ -364,7 +324,7 @@ class SessionWriter:
                 line = self._journal.append(kind, values)
             finally:
                 self._sound = self._journal.sound
-        self._shots.note(line)
+        self.shots.note(line)
         return line
 
 

@@ -12,12 +12,11 @@ import numpy as np
 from acquisition._errors import DataError, convert_read_errors
 from acquisition.files.text_files import numbered_lines, read_text
 from acquisition.source.image_folder import images_source, with_ignored
-from acquisition.source.source import Source
+from acquisition.source.source import ReadOptions, Source
 from acquisition.value_files.lights import read_lights
 from acquisition.value_files.lights_text import DIRECTIONS_FILE, FILENAMES_FILE, INTENSITIES_FILE
 from acquisition.value_files.mat5 import read_mat5
-from acquisition.values.transfer_curve import TransferCurve
-from rig import MAX_PIXELS, Notice, UnreadableError, read_bounded
+from rig import Notice, UnreadableError, read_bounded
 from rig.arrays import Float32
 from rig.files import MAX_BINARY_BYTES
 
@@ -31,12 +30,7 @@ def is_diligent(folder: Path) -> bool:
     return (folder / FILENAMES_FILE).is_file() or (folder / DIRECTIONS_FILE).is_file()
 
 
-def read_diligent(
-    folder: Path,
-    mask_path: Path | None = None,
-    max_pixels: int = MAX_PIXELS,
-    transfer: TransferCurve | None = None,
-) -> Source:
+def read_diligent(folder: Path, options: ReadOptions) -> Source:
     """Read an object folder: the images of filenames.txt with lights, mask and true normals.
 
     Raises
@@ -61,10 +55,9 @@ def read_diligent(
                 f"{folder / FILENAMES_FILE}: lists {name[:80]}, which does not exist: restore the "
                 "image, or remove the line"
             )
-    mask = mask_path or folder / "mask.png"
-    masks = [mask] if mask_path or mask.exists() else []
+    mask = folder / "mask.png"
     images = [folder / name for name in names]
-    source = images_source(folder, images, masks, max_pixels, transfer)
+    source = images_source(folder, images, options, [mask] if mask.exists() else [])
     lights = read_lights(folder) if (folder / DIRECTIONS_FILE).is_file() else None
     truth = folder / _TRUTH_FILE
     others = [FILENAMES_FILE, _TRUTH_FILE]

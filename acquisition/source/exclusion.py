@@ -102,11 +102,8 @@ def exclude(source: Source, images: Sequence[str]) -> Source:
 
 def _of_name(entry: str, ids: tuple[str, ...]) -> set[str]:
     """Return the ids that are an entry: exactly, in other letters, or as names of files."""
-    for same in SAME_NAME:
-        found = {name for name in ids if same(name) == same(entry)}
-        if found:
-            return found
-    return set()
+    found = ({name for name in ids if same(name) == same(entry)} for same in SAME_NAME)
+    return next(filter(None, found), set())
 
 
 def _range(entry: str) -> tuple[int, int] | None:

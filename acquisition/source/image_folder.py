@@ -26,12 +26,11 @@ from acquisition.source.series_facts import (
     reference_times,
     split_references,
 )
-from acquisition.source.source import Frame, Reference, Source
+from acquisition.source.source import Frame, ReadOptions, Reference, Source
 from acquisition.value_files.lights import read_lights
 from acquisition.values.image_names import IMAGE_SUFFIXES, SAME_NAME, SUFFIXES, is_raw
 from acquisition.values.running_numbers import Numbered, numbers_in, numbers_of, start_of
-from acquisition.values.transfer_curve import TransferCurve
-from rig import MAX_PIXELS, Notice, pluralize
+from rig import Notice, pluralize
 
 # What else cameras and programs write, with the remedy.
 _UNREAD = {
@@ -46,12 +45,7 @@ _UNREAD = {
 }
 
 
-def read_images(
-    folder: Path,
-    mask_path: Path | None = None,
-    max_pixels: int = MAX_PIXELS,
-    transfer: TransferCurve | None = None,
-) -> Source:
+def read_images(folder: Path, options: ReadOptions) -> Source:
     """Read a plain folder: its largest series of numbered images, in their order."""
     files, twins = without_twins(_checked_files(folder))
     masks = [path for path in files if _is_mask(path)]
@@ -59,8 +53,7 @@ def read_images(
     series = numbered_series(images)
     if not series:
         raise DataError(f"{folder}: {_why_no_series(files)}")
-    masks = [mask_path] if mask_path else masks
-    source = images_source(folder, series, masks, max_pixels, transfer, references)
+    source = images_source(folder, series, options, masks, references)
     source = replace(source, warnings=(*source.warnings, *_restarted(folder, series)))
     return with_ignored(source, folder, twins)
 
@@ -70,13 +63,7 @@ def lp_files(folder: Path) -> list[Path]:
     return [path for path in _files(folder) if path.suffix.lower() == ".lp"]
 
 
-def read_lp_folder(
-    folder: Path,
-    lp: Path,
-    mask_path: Path | None = None,
-    max_pixels: int = MAX_PIXELS,
-    transfer: TransferCurve | None = None,
-) -> Source:
+def read_lp_folder(folder: Path, lp: Path, options: ReadOptions) -> Source:
     """Read the images that an .lp file lists, or the numbered images if it lists none of them."""
     lights = read_lights(lp)
     files = _checked_files(folder)
@@ -111,8 +98,7 @@ def read_lp_folder(
         lack = f"{folder}: no images for the {pluralize(len(lights), 'light')} of {lp.name}"
         why = "add the images" if images else _why_no_series(files)
         raise DataError(f"{lack}: {why}")
-    masks = [mask_path] if mask_path else masks
-    source = images_source(folder, series, masks, max_pixels, transfer, references)
+    source = images_source(folder, series, options, masks, references)
     restarted = () if present else _restarted(folder, series)
     source = replace(
         source,
@@ -127,9 +113,8 @@ def read_lp_folder(
 def images_source(
     path: Path,
     series: Sequence[Path],
+    options: ReadOptions = ReadOptions(),
     masks: Sequence[Path] = (),
-    max_pixels: int = MAX_PIXELS,
-    transfer: TransferCurve | None = None,
     references: Mapping[Path, Reference] = {},
 ) -> Source:
     """Build a source from image files that belong together.
@@ -140,13 +125,11 @@ def images_source(
         Folder or file that the caller named.
     series
         Images, in order.
+    options
+        Mask, limit and transfer curve that the caller states. Without a curve: the one that the
+        metadata of the images state, else that of their kind.
     masks
-        Mask of the images, if any; more than one is an error.
-    max_pixels
-        Largest allowed number of pixels per image.
-    transfer
-        Transfer curve of the images; default: the one that their metadata state, else that of
-        their kind.
+        Masks next to the images, if the caller states none; more than one is an error.
     references
         Dark and ambient frames, with their roles. One that states no exposure time has that of the
         images if theirs are equal; a notice reports this.
@@ -159,6 +142,8 @@ def images_source(
         those of others differ; if the mask has another size or orientation, if there are several
         masks, or if without a mask the alpha channels of the images leave no pixel.
     """
+    max_pixels, transfer = options.max_pixels, options.transfer
+    masks = [options.mask_path] if options.mask_path else masks
     files = (*series, *references)
     facts = {file: image_facts(file, max_pixels=max_pixels) for file in files}
     first = facts[series[0]]

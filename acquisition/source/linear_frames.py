@@ -268,17 +268,13 @@ class Linearizer:
             for known_us, offset, level in self._offsets:
                 if self._same_exposure(known_us, exposure_us):
                     return offset, level
-            offset = self._mean_reference(exposure_us)
+            role = self.reference(exposure_us)
+            frames = [] if role is None else self._references(role, exposure_us)
+            offset = self._mean_of(frames) if frames else None
             # Every fifth row shows the level of all.
             level = 0.0 if offset is None else float(np.median(offset[::5]))
             self._offsets.append((exposure_us, offset, level))
             return offset, level
-
-    def _mean_reference(self, exposure_us: float | None) -> Float32 | None:
-        role = self.reference(exposure_us)
-        if role is None:
-            return None
-        return self._mean_of(self._references(role, exposure_us))
 
     def _mean_of(self, frames: list[Frame]) -> Float32:
         mean = np.zeros(frames[0].shape, np.float32)

@@ -17,7 +17,7 @@ from acquisition.source.image_folder import images_source, lp_files, read_images
 from acquisition.source.recording_json import RECORD_FILE, with_export_notes
 from acquisition.source.series_facts import transfer_notices, with_time_errors
 from acquisition.source.session_source import read_session
-from acquisition.source.source import MaskOrigin, Source
+from acquisition.source.source import MaskOrigin, ReadOptions, Source
 from acquisition.values.camera_model import CameraModel
 from acquisition.values.image_names import light_id
 from acquisition.values.lights import Lights, led_of
@@ -101,7 +101,8 @@ def read_source(
     if not path.exists():
         raise missing_path(path)
     check_staging_finished(path if path.is_dir() else path.parent)
-    source = with_export_notes(_dispatch(path, mask_path, max_pixels, transfer))
+    options = ReadOptions(mask_path, max_pixels, transfer)
+    source = with_export_notes(_dispatch(path, options))
     source = _with_notice(_with_high_bits(source))
     source = replace(source, mask_origin=_mask_origin(source, given=mask_path is not None))
     if camera is not None:
@@ -115,24 +116,21 @@ def read_source(
     return with_clipped(_with_matched_lights(source, lights or source.lights, without))
 
 
-def _dispatch(
-    path: Path, mask_path: Path | None, max_pixels: int, transfer: TransferCurve | None
-) -> Source:
+def _dispatch(path: Path, options: ReadOptions) -> Source:
     if path.suffix.lower() == ".lp" and path.is_file():
-        return read_lp_folder(path.parent, path, mask_path, max_pixels, transfer)
+        return read_lp_folder(path.parent, path, options)
     if not path.is_dir():
-        masks = [mask_path] if mask_path else []
-        return images_source(path, [path], masks, max_pixels, transfer)
+        return images_source(path, [path], options)
     if is_session(path):
-        return read_session(path, mask_path, max_pixels, transfer)
+        return read_session(path, options)
     if is_diligent(path):
-        return read_diligent(path, mask_path, max_pixels, transfer)
+        return read_diligent(path, options)
     lps = lp_files(path)
     if len(lps) > 1:
         raise DataError(f"{path}: has {lps[0].name} and {lps[1].name}: give one of these .lp files")
     if lps:
-        return read_lp_folder(path, lps[0], mask_path, max_pixels, transfer)
-    return read_images(path, mask_path, max_pixels, transfer)
+        return read_lp_folder(path, lps[0], options)
+    return read_images(path, options)
 
 
 def _with_notice(source: Source) -> Source:

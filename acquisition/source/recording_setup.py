@@ -164,11 +164,7 @@ def _named_differences(a: CameraModel, b: CameraModel) -> list[str]:
     differences = []
     if a.lens and b.lens and a.lens != b.lens:
         differences.append(f"lens {a.lens}, now {b.lens}")
-    if (
-        a.focus_mm is not None
-        and b.focus_mm is not None
-        and abs(a.focus_mm / b.focus_mm - 1) > _SAME
-    ):
+    if _differ(a.focus_mm, b.focus_mm, _SAME):
         differences.append(f"focus at {a.focus_mm:g} mm, now {b.focus_mm:g} mm")
     return differences
 
@@ -194,14 +190,18 @@ def _lens_differences(then: Setup, now: Setup, limit: float) -> list[str]:
     if share > limit:
         what = (
             f"focal length {_focal(a)}, now {_focal(b)}"
-            if abs(a.focal_px / a.width / (b.focal_px / b.width) - 1) > limit
+            if _differ(a.focal_px / a.width, b.focal_px / b.width, limit)
             else f"rays that differ by {share:.1%} of the field of view"
         )
         differences.append(what)
     first, second = a.working_distance_mm, b.working_distance_mm
-    if first is not None and second is not None and abs(first / second - 1) > limit:
+    if _differ(first, second, limit):
         differences.append(f"working distance {first:g} mm, now {second:g} mm")
     return differences
+
+
+def _differ(one: float | None, other: float | None, share: float) -> bool:
+    return one is not None and other is not None and abs(one / other - 1) > share
 
 
 def _focal(camera: CameraModel) -> str:

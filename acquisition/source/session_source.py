@@ -17,20 +17,14 @@ from acquisition.session.layout import COMPLETE, JOURNAL, MANIFEST, MASK, TRUE_M
 from acquisition.session.manifest import CameraRecord
 from acquisition.session.session import Session
 from acquisition.session.session_frame import SessionFrame
-from acquisition.source.source import Frame, Source
+from acquisition.source.source import Frame, ReadOptions, Source
 from acquisition.values.noise_model import NoiseModel
 from acquisition.values.setup import Setup
-from acquisition.values.transfer_curve import TransferCurve
-from rig import MAX_PIXELS, Mounting, Notice, pluralize
+from rig import Mounting, Notice, pluralize
 from rig.arrays import Bool, Float32
 
 
-def read_session(
-    folder: Path,
-    mask_path: Path | None = None,
-    max_pixels: int = MAX_PIXELS,
-    transfer: TransferCurve | None = None,
-) -> Source:
+def read_session(folder: Path, options: ReadOptions) -> Source:
     """Read a session, complete or not; missing frames become a warning.
 
     Frames are turned upright when they are read. Everything else refers to the upright image: the
@@ -39,15 +33,15 @@ def read_session(
     Raises
     ------
     DataError
-        If the session is damaged or has no frame, or if its frames have more than ``max_pixels``
-        pixels.
+        If the session is damaged or has no frame, or if its frames have more pixels than
+        allowed.
     """
-    session = Session.open(folder)
+    session, mask_path = Session.open(folder), options.mask_path
     device, mounting = session.manifest.camera, session.manifest.mounting
-    if device.width * device.height > max_pixels:
+    if device.width * device.height > options.max_pixels:
         raise DataError(
-            f"{folder}: frames of {device.width} x {device.height} pixels, {max_pixels} are "
-            "allowed: raise the limit on pixels"
+            f"{folder}: frames of {device.width} x {device.height} pixels, {options.max_pixels} "
+            "are allowed: raise the limit on pixels"
         )
     stored = mounting == Mounting() and device.black_levels_dn is None
     # Frames are loaded by the session, which checks the hash of the pixels.
@@ -113,8 +107,8 @@ def read_session(
         ),
         recorded_utc=session.manifest.started_utc,
         noise=_noise_at_gain(session),
-        transfer=transfer or session.transfer,
-        transfer_origin="given" if transfer else MANIFEST,
+        transfer=options.transfer or session.transfer,
+        transfer_origin="given" if options.transfer else MANIFEST,
         files=(
             *(frame.path for frame in frames),
             *([mask_path] if mask_path else []),

@@ -88,11 +88,27 @@ class Reduction:
 
     def all(self, mask: Bool) -> Bool:
         """Return where all pixels of a block are True, ``(H, W)`` of `size`."""
-        first, *others = self.blocks(mask)
-        every = first.copy()
-        for block in others:
-            every &= block
+        every: Bool = np.logical_and.reduce(self.blocks(mask))
         return every
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """What the caller of `read_source` states about the files.
+
+    Parameters
+    ----------
+    mask_path
+        Mask to use instead of that of the source.
+    max_pixels
+        Largest allowed number of pixels per image.
+    transfer
+        Transfer curve of the samples; None: as the files state.
+    """
+
+    mask_path: Path | None = None
+    max_pixels: int = MAX_PIXELS
+    transfer: TransferCurve | None = None
 
 
 @dataclass(frozen=True, eq=False)

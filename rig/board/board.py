@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 from typing import Literal
 
-from rig._errors import BoardError, close_after
+from rig._errors import BoardError, closed_after_errors
 from rig.board.line import ATTEMPTS, REPLY_TIMEOUT_S, BoardLine
 from rig.board.protocol import NO_LED, PROTOCOL_VERSION, ErrorCode
 from rig.board.replies import Outcome
@@ -62,14 +62,11 @@ class Board:
         self._line = BoardLine(port)
         self._uptime_ms = 0
         self._uptime_asked_s = time.monotonic()
-        try:
+        with closed_after_errors(self.close):
             self.identity = self._handshake(handshake_timeout_s)
             # A board that resets when its port opens starts after the port was opened: only from
             # here on does a clock that is behind mean a restart.
             self.status()
-        except BaseException as error:
-            close_after(error, self.close)
-            raise
 
     def on(self, led: int, hold_ms: int) -> BoardEcho:
         """Turn on exactly this LED; the board itself turns it off.

@@ -4,21 +4,15 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any, Final
 
 from harvesters.core import Callback
 
 from rig._errors import CameraError, FrameLostError
 from rig.genicam.buffer_content import Content, ReceivedFrame
-from rig.genicam.buffers import (
-    LEAST,
-    Buffering,
-    announceable,
-    buffering,
-    memory_limit,
-    with_copies,
-)
+from rig.genicam.buffers import LEAST, Buffering, announceable, memory_limit
 from rig.genicam.errors import GENICAM_ERRORS, camera_errors
 from rig.genicam.pixels import PixelFormat
 
@@ -234,16 +228,12 @@ class Acquisition:
         return self._frame(content)
 
     def _from_buffer(self) -> ReceivedFrame | None:
-        with camera_errors(f"camera {self._camera}, awaiting a frame"):
-            buffer = self._next_buffer()
-            if buffer is None:
-                if self._heard.incomplete:
-                    raise self._incomplete()
-                return None
-            try:
+        with self._next_buffer() as buffer:
+            if buffer is not None:
                 return self._frame(Content.of(buffer))
-            finally:
-                buffer.parent.queue_buffer(buffer)
+            if self._heard.incomplete:
+                raise self._incomplete()
+            return None
 
     def _collect_one(self) -> bool:
         """Copy a frame out of its buffer; return whether there was a frame and room for it."""
@@ -252,23 +242,25 @@ class Acquisition:
         try:
             if len(self._collected) >= self._room.copies:
                 return False
-            with camera_errors(f"camera {self._camera}, awaiting a frame"):
-                buffer = self._next_buffer()
-                if buffer is None:
-                    if self._heard.incomplete:
-                        self._collected.append(None)
-                    return self._heard.incomplete
-                try:
-                    self._collected.append(Content.of(buffer).copied())
-                finally:
-                    buffer.parent.queue_buffer(buffer)
-                return True
+            with self._next_buffer() as buffer:
+                found = buffer is not None or self._heard.incomplete
+                if found:
+                    self._collected.append(None if buffer is None else Content.of(buffer).copied())
+                return found
         finally:
             self._lock.release()
 
-    def _next_buffer(self) -> Any | None:
-        self._heard.incomplete = False
-        return self._acquirer.try_fetch(timeout=_POLL_S, is_raw=True)
+    @contextmanager
+    def _next_buffer(self) -> Iterator[Any | None]:
+        """Yield the next buffer, None if none is ready, and queue it again after the block."""
+        with camera_errors(f"camera {self._camera}, awaiting a frame"):
+            self._heard.incomplete = False
+            buffer = self._acquirer.try_fetch(timeout=_POLL_S, is_raw=True)
+            try:
+                yield buffer
+            finally:
+                if buffer is not None:
+                    buffer.parent.queue_buffer(buffer)
 
     def _frame(self, content: Content) -> ReceivedFrame:
         return content.frame(self._form, self._size, self._camera)
@@ -279,14 +271,14 @@ class Acquisition:
     def _room_for(self, frames: int) -> Buffering:
         """Return the room for this number of frames, within memory and the producer's limits."""
         payload = self._payload()
-        room = buffering(frames, payload, self._most_bytes)
+        room = Buffering.within(self._most_bytes, frames, payload)
         tried, wanted, taken = self._taken
         if payload != tried or room.buffers > wanted == taken:
             wanted, taken = room.buffers, announceable(self._stream, payload, room.buffers)
             self._taken = payload, wanted, taken
         if taken >= room.buffers:
             return room
-        return with_copies(taken or LEAST, frames, self._most_bytes // max(1, payload))
+        return Buffering.with_copies(taken or LEAST, frames, self._most_bytes // max(1, payload))
 
     def _payload(self) -> int:
         """Return the size of a buffer in bytes, as harvesters will request it."""

@@ -74,8 +74,7 @@ def _switch_off(nodes: Nodes, name: str, kind: Processing) -> bool:
         return nodes.set_flag(name, on=False)
     if not nodes.is_choice(name) or nodes.text(name) in kind.symbols:
         return False
-    offered = nodes.choices(name)
-    symbol = next((symbol for symbol in kind.symbols if symbol in offered), None)
+    symbol = nodes.first_offered(name, kind.symbols)
     if symbol is None and not kind.required:
         return False  # it chooses between variants, and another node turns them off
     return nodes.set_choice(name, symbol or kind.symbols[0])

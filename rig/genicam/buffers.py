@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Self
 
 from genicam.gentl import BufferToken
 
@@ -33,6 +33,36 @@ class Buffering:
     buffers: int
     copies: int = 0
 
+    @classmethod
+    def within(cls, limit: int, frames: int, payload: int) -> Self:
+        """Return the room for frames: one buffer each, or as much as fits into the allowed memory.
+
+        Buffers need no work while frames arrive, so each frame gets one. If memory does not allow
+        that, half of it is for copies, which also compensate for a producer that accepts fewer
+        buffers.
+
+        Parameters
+        ----------
+        limit
+            Limit for all frames in bytes; a minimum number of frames is kept even if they exceed
+            it.
+        frames
+            Number of frames that may be pending at once.
+        payload
+            Size of one frame in bytes.
+        """
+        fit = limit // max(1, payload)
+        if frames + _SPARE <= max(fit, LEAST):
+            return cls(max(LEAST, frames + _SPARE))
+        return cls.with_copies(max(LEAST, fit // 2), frames, fit)
+
+    @classmethod
+    def with_copies(cls, buffers: int, frames: int, fit: int) -> Self:
+        """Return the room with this number of buffers, if ``fit`` frames fit into memory."""
+        if buffers >= frames:
+            return cls(buffers)
+        return cls(buffers, min(frames, max(LEAST, fit - buffers)))
+
 
 def memory_limit() -> int:
     """Return the default limit for frames in bytes: 1 GiB, or a quarter of memory if less."""
@@ -41,34 +71,6 @@ def memory_limit() -> int:
     except (AttributeError, ValueError, OSError):  # Windows
         return _MOST_BYTES
     return min(_MOST_BYTES, int(_SHARE_OF_MEMORY * installed))
-
-
-def buffering(frames: int, payload: int, limit: int) -> Buffering:
-    """Return the room for frames: one buffer each, or as much as fits into the allowed memory.
-
-    Buffers need no work while frames arrive, so each frame gets one. If memory does not allow
-    that, half of it is for copies, which also compensate for a producer that accepts fewer buffers.
-
-    Parameters
-    ----------
-    frames
-        Number of frames that may be pending at once.
-    payload
-        Size of one frame in bytes.
-    limit
-        Limit for all frames in bytes; a minimum number of frames is kept even if they exceed it.
-    """
-    fit = limit // max(1, payload)
-    if frames + _SPARE <= max(fit, LEAST):
-        return Buffering(max(LEAST, frames + _SPARE))
-    return with_copies(max(LEAST, fit // 2), frames, fit)
-
-
-def with_copies(buffers: int, frames: int, fit: int) -> Buffering:
-    """Return the room with this number of buffers, if ``fit`` frames fit into memory."""
-    if buffers >= frames:
-        return Buffering(buffers)
-    return Buffering(buffers, min(frames, max(LEAST, fit - buffers)))
 
 
 def announceable(stream: Any, payload: int, wanted: int) -> int:

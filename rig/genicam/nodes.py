@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 from genicam import genapi
@@ -133,6 +133,11 @@ class Nodes:
                 for entry in node.entries
                 if entry.get_access_mode() in _READABLE
             )
+
+    def first_offered(self, names: Names, symbols: Iterable[str]) -> str | None:
+        """Return the first of these symbols that an enumeration offers; None if it offers none."""
+        offered = self.choices(names)
+        return next((symbol for symbol in symbols if symbol in offered), None)
 
     def set_number(self, names: Names, value: float, unit: str = "") -> float:
         """Write a number, rounded to the nearest step of the camera, and return it as read back.

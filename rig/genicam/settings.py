@@ -53,12 +53,8 @@ class Settings:
         self._exposure_us: float | None = None
         self._gain_db = 0.0
         for selector, wanted in _SELECT:
-            if nodes.can_set(selector):
-                offered = nodes.choices(selector)
-                for symbol in wanted:
-                    if symbol in offered:
-                        nodes.set_choice(selector, symbol)
-                        break
+            if nodes.can_set(selector) and (symbol := nodes.first_offered(selector, wanted)):
+                nodes.set_choice(selector, symbol)
 
     @property
     def exposure_us(self) -> float:
@@ -265,12 +261,11 @@ class TriggerControl:
         nodes = self._nodes
         if not nodes.has("TriggerSelector"):
             return
-        offered = nodes.choices("TriggerSelector")
-        symbol = next((symbol for symbol in _FRAME if symbol in offered), None)
+        symbol = nodes.first_offered("TriggerSelector", _FRAME)
         if symbol is None:
             raise CameraError(
                 f"camera {nodes.camera}, TriggerSelector: none of {', '.join(_FRAME)} is "
-                f"available, only {', '.join(offered)}"
+                f"available, only {', '.join(nodes.choices('TriggerSelector'))}"
             )
         nodes.set_choice("TriggerSelector", symbol)
 

@@ -125,12 +125,7 @@ def open_device(
         those found); or if the camera does not open.
     """
     paths = _resolved(ctis)
-    with _lock, contextlib.ExitStack() as used:
-        cameras: list[tuple[int, FoundCamera]] = []
-        for path in paths:
-            system = _use(path)
-            used.callback(_release, path)
-            cameras += enumerate(system.found)
+    with _in_use(paths) as cameras:
         index, found = _pick(cameras, paths, serial, model)
         acquirer = _create(_systems[found.cti].harvester, index, found)
         _systems[found.cti].users += 1
@@ -151,14 +146,20 @@ def find_cameras(ctis: Sequence[str | Path]) -> tuple[FoundCamera, ...]:
     >>> find_cameras([])
     ()
     """
-    paths = _resolved(ctis)
-    cameras: list[FoundCamera] = []
+    with _in_use(_resolved(ctis)) as cameras:
+        return tuple(camera for _, camera in cameras)
+
+
+@contextlib.contextmanager
+def _in_use(paths: Sequence[Path]) -> Iterator[list[tuple[int, FoundCamera]]]:
+    """Yield the cameras of these producers, each with its index there, and release them after."""
     with _lock, contextlib.ExitStack() as used:
+        cameras: list[tuple[int, FoundCamera]] = []
         for path in paths:
             system = _use(path)
             used.callback(_release, path)
-            cameras += system.found
-    return tuple(cameras)
+            cameras += enumerate(system.found)
+        yield cameras
 
 
 def _resolved(ctis: Sequence[str | Path]) -> list[Path]:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from rig._errors import BoardError, RigConfigError, close_after
+from rig._errors import BoardError, RigConfigError, closed_after_errors
 from rig.board.board import Board
 from rig.board.ports import find_board
 from rig.camera.interface import Camera
@@ -84,7 +82,7 @@ def open_bench(config: RigConfig) -> Rig:
             'driver = "bench" and, under [options], cti = "..." (see docs/rig-and-plan-files.md)'
         )
     board = _board(config, options)
-    with _given_back(board):
+    with closed_after_errors(board.close):
         # Before the camera: an earlier program may have left an LED on, and cameras open slowly.
         board.off()
         camera = _camera(options.cti, options)
@@ -115,23 +113,13 @@ def _options(config: RigConfig) -> BenchOptions:
 def _board(config: RigConfig, options: BenchOptions) -> Board:
     port = find_board(name=options.board) if options.port == "auto" else options.port
     board = Board(port)
-    with _given_back(board):
+    with closed_after_errors(board.close):
         if options.board not in (None, board.identity.name):
             raise BoardError(
                 f"LED board on {port} is {board.identity.name}, but rig {config.name} requires "
                 f"{options.board}: correct port or board in the rig file"
             )
     return board
-
-
-@contextlib.contextmanager
-def _given_back(board: Board) -> Iterator[None]:
-    """Close the board if the block raises."""
-    try:
-        yield
-    except BaseException as error:
-        close_after(error, board.close)
-        raise
 
 
 def _camera(cti: str, options: BenchOptions) -> Camera:

@@ -6,7 +6,7 @@ import atexit
 from collections.abc import Callable, Sequence
 from typing import Self
 
-from rig._errors import BoardError, close_after, note
+from rig._errors import BoardError, close_after, closed_after_errors, note
 from rig.board.board import Board
 from rig.config.rig_file import RigConfig
 from rig.shooting.lights_off import watch
@@ -42,16 +42,13 @@ class OpenBoard:
         self.config = config
         self._closing = list(closing) or [board.off, board.close]
         self._unwatch = watch(board.darken)
-        try:
+        with closed_after_errors(self.close):
             if board.identity.leds != config.leds:
                 raise BoardError(
                     f"LED board on {board.port} has {board.identity.leds} LEDs, but rig "
                     f"{config.name} is configured with {config.leds}: correct the rig file"
                 )
             board.off()
-        except BaseException as error:
-            close_after(error, self.close)
-            raise
         atexit.register(self.close)
 
     def close(self) -> None:

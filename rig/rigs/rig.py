@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Literal
 
-from rig._errors import RigError, close_after, note
+from rig._errors import RigError, closed_after_errors, note
 from rig.board.board import Board
 from rig.board.values import BoardEcho
 from rig.camera.interface import Camera, Trigger
@@ -56,12 +57,9 @@ class Rig(OpenBoard):
         # The LEDs are turned off first, even if a later step fails.
         closing = board.off, camera.disarm, camera.close, board.close, on_close
         super().__init__(board, config, closing)
-        try:
+        with closed_after_errors(self.close):
             board.ping()
             self._arm("line" if config.trigger == "board" else "software")
-        except BaseException as error:
-            close_after(error, self.close)
-            raise
 
     def shoot(
         self,
@@ -98,12 +96,9 @@ class Rig(OpenBoard):
         self._check_led(led)
         times = self._configure(exposure_us, gain_db)
         by_pulse = (trigger or self.config.trigger) == "board"
-        try:
+        with self._off_after_errors():
             self._arm("line" if by_pulse else "software")
             return (by_board if by_pulse else by_software)(self._bench, led, times)
-        except BaseException as error:
-            self._off_after(error)
-            raise
 
     def prepare(self, exposure_us: float, gain_db: float = 0.0) -> None:
         """Set the camera as for a shot without taking it, to check early whether it is possible.
@@ -155,7 +150,7 @@ class Rig(OpenBoard):
         for led in leds:
             self._check_led(led)
         times = self._configure(exposure_us, gain_db)
-        try:
+        with self._off_after_errors():
             parts = tuple(runs(tuple(leds), self.board.identity.max_steps))
             self._arm("line", max(map(len, parts), default=1))
             self._bench.chain.cut()
@@ -167,9 +162,6 @@ class Rig(OpenBoard):
                         yield by_board(self._bench, led, times)
                 else:
                     yield from run(self._bench, part, times)
-        except BaseException as error:
-            self._off_after(error)
-            raise
 
     def wires(self, led: int, exposure_us: float) -> Wires:
         """Test with one flash whether board and camera are wired to each other.
@@ -189,14 +181,11 @@ class Rig(OpenBoard):
         """
         self._check_led(led)
         times = self._configure(exposure_us, 0.0)
-        try:
+        with self._off_after_errors():
             self._arm("line")
-            return try_wires(self._bench, led, times)
-        except BaseException as error:
-            self._off_after(error)
-            raise
-        finally:
-            self._armed = None
+            wires = try_wires(self._bench, led, times)
+        self._armed = None
+        return wires
 
     def off(self) -> BoardEcho:
         """Turn all LEDs off.
@@ -245,12 +234,17 @@ class Rig(OpenBoard):
             self.camera.arm(trigger)
         self._armed, self._frames = trigger, frames
 
-    def _off_after(self, error: BaseException) -> None:
-        """Turn the LEDs off while an error is handled; a failure is added to it as a note."""
-        # Frames that still arrive must not be mistaken for those of later shots.
-        self._armed = None
-        self._bench.chain.cut()
+    @contextmanager
+    def _off_after_errors(self) -> Iterator[None]:
+        """Turn the LEDs off if the block raises an error; a failure is added to it as a note."""
         try:
-            self.board.off()
-        except RigError as failure:
-            note(error, "LEDs not confirmed off", failure)
+            yield
+        except BaseException as error:
+            # Frames that still arrive must not be mistaken for those of later shots.
+            self._armed = None
+            self._bench.chain.cut()
+            try:
+                self.board.off()
+            except RigError as failure:
+                note(error, "LEDs not confirmed off", failure)
+            raise

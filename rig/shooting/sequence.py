@@ -6,19 +6,22 @@ import time
 from collections.abc import Iterator
 from itertools import pairwise
 
-from rig._errors import BoardError, CameraError, FrameLostError, RigError
+from rig._errors import BoardError, CameraError, RigError
 from rig.board.values import BoardEcho, StepReport
-from rig.camera.interface import CameraFrame
 from rig.messages.notice import pluralize
 from rig.shooting.frame_proof import Spacing
 from rig.shooting.keep_alive import SignOfLife
-from rig.shooting.shooting import Bench, check_light
+from rig.shooting.shooting import Bench, check_id, check_light, explained
 from rig.shooting.shot import Shot, led_name
 from rig.shooting.shot_times import LONGEST_RUN, ShotTimes
 
 # How much later than declared the board may report a step.
 _REPORT_TIMEOUT_S = 1.0
 _POLL_S = 0.001
+_CHECK = (
+    "check the wire from the board's trigger output to the camera's line, and trigger_line and "
+    "frame_period_ms in the rig file"
+)
 
 
 def runs(leds: tuple[int | None, ...], most: int) -> Iterator[tuple[int | None, ...]]:
@@ -60,11 +63,13 @@ def run(bench: Bench, leds: tuple[int | None, ...], times: ShotTimes) -> Iterato
         try:
             frame = camera.fetch(ids[index], left_s, alive)
         except CameraError as error:
-            raise _lost(bench, index, led, error) from error
+            where = f"it is step {index} of a sequence, with {led_name(led)}{_progress(bench)}"
+            raise explained(error, where, _CHECK) from error
         report = _report(bench, index, lit_s)
         bench.triggered(times, time.monotonic() - times.needed_us / 1e6)
         check_light(bench, led, times, report)
-        _check_id(bench, led, ids[index], frame)
+        what = f"the step of {led_name(led)}"
+        check_id(camera, frame, ids[index], what, "take the sequence again")
         spacing.check(frame, led, report.trigger_us)
         # The first frame is proven by its distance from the second.
         if held_back is not None:
@@ -88,25 +93,6 @@ def _report(bench: Bench, index: int, lit_s: float) -> StepReport:
             )
         time.sleep(_POLL_S)
     return report
-
-
-def _check_id(bench: Bench, led: int | None, expected: int, frame: CameraFrame) -> None:
-    if frame.frame_id != expected:
-        raise FrameLostError(
-            f"camera {bench.camera.info.serial} delivered frame {frame.frame_id} for the step of "
-            f"{led_name(led)} instead of frame {expected}: take the sequence again"
-        )
-
-
-def _lost(bench: Bench, index: int, led: int | None, error: CameraError) -> CameraError:
-    where = f"it is step {index} of a sequence, with {led_name(led)}{_progress(bench)}"
-    check = (
-        "check the wire from the board's trigger output to the camera's line, and trigger_line and "
-        "frame_period_ms in the rig file"
-    )
-    if not isinstance(error, FrameLostError):
-        return CameraError(f"{error}; {where}: {check}")
-    return error.with_context(where if error.host_is_slow else f"{where}: {check}")
 
 
 def _progress(bench: Bench) -> str:

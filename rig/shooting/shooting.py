@@ -99,7 +99,8 @@ def by_software(bench: Bench, led: int | None, times: ShotTimes) -> Shot:
     frame_id = camera.trigger()
     bench.triggered(times, time.monotonic())
     timeout_s = times.needed_us / 1e6 + bench.config.frame_timeout_s
-    frame = _awaited(camera, led, frame_id, camera.fetch(frame_id, timeout_s, alive))
+    frame = camera.fetch(frame_id, timeout_s, alive)
+    check_id(camera, frame, frame_id, f"the shot with {led_name(led)}", "shoot again")
     # No other program uses the port, and an ON is carried out once: an LED that is on now has been
     # on since its ON.
     echo = board.off()
@@ -138,13 +139,21 @@ def _flash(bench: Bench, led: int | None, times: ShotTimes, light: str) -> tuple
     check = "check the wire from the board to the camera's line, and trigger_line in the rig file"
     try:
         frame = camera.fetch(frame_id, bench.config.frame_timeout_s)
-    except FrameLostError as error:
-        raise error.with_context(pulsed if error.host_is_slow else f"{pulsed}: {check}") from error
     except CameraError as error:
-        raise CameraError(f"{error}; {pulsed}: {check}") from error
+        raise explained(error, pulsed, check) from error
+    check_id(camera, frame, frame_id, f"the shot with {led_name(led)}", "shoot again")
     echo = BoardEcho(report.seq, report.led, report.lit_us, report.active_us)
-    shot = Shot(_awaited(camera, led, frame_id, frame), led, echo)
-    return shot, report
+    return Shot(frame, led, echo), report
+
+
+def explained(error: CameraError, where: str, check: str) -> CameraError:
+    """Return the error of an awaited frame with its circumstances, and what to check.
+
+    Nothing is to be checked if this computer was too busy.
+    """
+    if not isinstance(error, FrameLostError):
+        return CameraError(f"{error}; {where}: {check}")
+    return error.with_context(where if error.host_is_slow else f"{where}: {check}")
 
 
 def check_light(
@@ -208,13 +217,13 @@ def _check_lit(
     )
 
 
-def _awaited(camera: Camera, led: int | None, frame_id: int, frame: CameraFrame) -> CameraFrame:
-    if frame.frame_id != frame_id:
+def check_id(camera: Camera, frame: CameraFrame, expected: int, what: str, remedy: str) -> None:
+    """Raise FrameLostError if the camera delivered another frame than the expected one."""
+    if frame.frame_id != expected:
         raise FrameLostError(
-            f"camera {camera.info.serial} delivered frame {frame.frame_id} for the shot with "
-            f"{led_name(led)} instead of frame {frame_id}: shoot again"
+            f"camera {camera.info.serial} delivered frame {frame.frame_id} for {what} instead of "
+            f"frame {expected}: {remedy}"
         )
-    return frame
 
 
 @dataclass(frozen=True)

@@ -4,32 +4,35 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from acquisition import CapturePlan, Session, verify_session
-from acquisition.session import CameraRecord, Manifest, SessionWriter
+from acquisition.session import Manifest, SessionWriter
 from rig.arrays import UInt16
 
 SHAPE = (24, 32)
 PLAN = CapturePlan(leds=(0, 1), exposures_us=(100.0,))
 
 
-def picture(seed: int) -> UInt16:
-    """Return grey values that deflate compresses well."""
-    return np.random.default_rng(seed).integers(0, 40, SHAPE).astype(np.uint16)
+def picture(seed: int, shape: tuple[int, ...] = SHAPE, above: int = 40) -> UInt16:
+    """Return grey values below ``above``: the default ones are compressed well by deflate."""
+    return np.random.default_rng(seed).integers(0, above, shape).astype(np.uint16)
+
+
+def manifest(
+    shape: tuple[int, int] = SHAPE, bit_depth: int = 16, *, camera: Any = None, **fields: Any
+) -> Manifest:
+    """Return the manifest of a coin that Ada recorded, with a camera of this shape."""
+    device = {"width": shape[1], "height": shape[0], "bit_depth": bit_depth}
+    values = {"started_utc": datetime(2026, 1, 2, tzinfo=UTC), "operator": "Ada", "object": "coin"}
+    return Manifest(**{**values, "camera": camera or device, **fields})
 
 
 def write(folder: Path, *, plan: CapturePlan | None = PLAN, complete: bool = True) -> Path:
-    manifest = Manifest(
-        started_utc=datetime(2026, 1, 2, tzinfo=UTC),
-        operator="Ada",
-        object="coin",
-        plan=plan,
-        camera=CameraRecord(width=SHAPE[1], height=SHAPE[0], bit_depth=16),
-    )
     shots = PLAN.shots() if complete else PLAN.shots()[:2]
-    with SessionWriter.create(folder, manifest) as writer:
+    with SessionWriter.create(folder, manifest(plan=plan)) as writer:
         for index, shot in enumerate(shots):
             writer.write_frame(shot, picture(index))
         if complete:

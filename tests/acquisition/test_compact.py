@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from datetime import UTC, datetime
 from pathlib import Path
 
 import cv2
@@ -29,10 +28,10 @@ from acquisition import (
 from acquisition.files.storage import lock_folder
 from acquisition.pixels.compact_tiff import deflate_tiff
 from acquisition.plan import PlannedShot
-from acquisition.session import CameraRecord, Manifest, SessionWriter, compact_session
+from acquisition.session import SessionWriter, compact_session
 from acquisition.session import compact as _compact
 from rig.arrays import UInt16
-from tests.acquisition.small_session import PLAN, SHAPE, names, picture, whole, write
+from tests.acquisition.small_session import PLAN, SHAPE, manifest, names, picture, whole, write
 
 
 def noise() -> UInt16:
@@ -110,13 +109,7 @@ def test_a_retake_after_compaction_gets_a_name_of_its_own(tmp_path: Path) -> Non
 
 def test_frames_that_do_not_get_smaller_keep_their_file(tmp_path: Path) -> None:
     folder = tmp_path / "s"
-    manifest = Manifest(
-        started_utc=datetime(2026, 1, 2, tzinfo=UTC),
-        operator="",
-        object="",
-        camera=CameraRecord(width=SHAPE[1], height=SHAPE[0], bit_depth=16),
-    )
-    with SessionWriter.create(folder, manifest) as writer:
+    with SessionWriter.create(folder, manifest()) as writer:
         writer.write_frame(PlannedShot("light", 0, 0, 0, None), noise())
         writer.complete()
     files = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}

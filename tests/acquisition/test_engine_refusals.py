@@ -25,49 +25,40 @@ from rig import CameraError, CameraFrame, RigError
 from rig import Rig as RealRig
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench, events_of
 
+INVALID_ARGUMENTS = {
+    "no-led": ({"plan": CapturePlan(leds=(6,), exposures_us=(1,))}, "LED 6"),
+    "dead-led": ({"plan": CapturePlan(leds=(4,), exposures_us=(1,))}, "dead"),
+    "camera": (
+        {"calibrations": Calibrations(camera_model=CameraModel(np.eye(3), 9, 7))},
+        "9 x 7 pixels",
+    ),
+    "sensor": ({"calibrations": Calibrations(sensor=NoiseModel(1.0, 1.0, 0.0, 10))}, "10 bits"),
+    "no-operator": ({"labels": replace(LABELS, operator=None)}, "operator"),
+    "light missing": (
+        {
+            "calibrations": Calibrations(
+                lights=Lights(directions=np.eye(3), ids=("L00", "L03", "L04"))
+            )
+        },
+        r"lights do not fit the plan: .*L05 does not",
+    ),
+    "too few lights": (
+        {"calibrations": Calibrations(lights=Lights(directions=np.eye(3)[:2]))},
+        "lights do not fit the plan: 3 images for 2 lights",
+    ),
+    "lights of something else": (
+        {
+            "calibrations": Calibrations(
+                lights=Lights(directions=np.eye(3), ids=("a.0", "a.1", "a.2"))
+            )
+        },
+        "lights do not fit the plan: by order, the light a.1 would belong to the image L00",
+    ),
+    "no-text": ({"labels": Labels("Ada", "\udc80")}, "object"),
+}
 
-@pytest.mark.parametrize(
-    ("changed", "said"),
-    [
-        pytest.param({"plan": CapturePlan(leds=(6,), exposures_us=(1,))}, "LED 6", id="no-led"),
-        pytest.param({"plan": CapturePlan(leds=(4,), exposures_us=(1,))}, "dead", id="dead-led"),
-        pytest.param(
-            {"calibrations": Calibrations(camera_model=CameraModel(np.eye(3), 9, 7))},
-            "9 x 7 pixels",
-            id="camera",
-        ),
-        pytest.param(
-            {"calibrations": Calibrations(sensor=NoiseModel(1.0, 1.0, 0.0, 10))},
-            "10 bits",
-            id="sensor",
-        ),
-        pytest.param({"labels": replace(LABELS, operator=None)}, "operator", id="no-operator"),
-        pytest.param(
-            {
-                "calibrations": Calibrations(
-                    lights=Lights(directions=np.eye(3), ids=("L00", "L03", "L04"))
-                )
-            },
-            r"lights do not fit the plan: .*L05 does not",
-            id="light missing",
-        ),
-        pytest.param(
-            {"calibrations": Calibrations(lights=Lights(directions=np.eye(3)[:2]))},
-            "lights do not fit the plan: 3 images for 2 lights",
-            id="too few lights",
-        ),
-        pytest.param(
-            {
-                "calibrations": Calibrations(
-                    lights=Lights(directions=np.eye(3), ids=("a.0", "a.1", "a.2"))
-                )
-            },
-            "lights do not fit the plan: by order, the light a.1 would belong to the image L00",
-            id="lights of something else",
-        ),
-        pytest.param({"labels": Labels("Ada", "\udc80")}, "object", id="no-text"),
-    ],
-)
+
+@pytest.mark.parametrize(("changed", "said"), INVALID_ARGUMENTS.values(), ids=INVALID_ARGUMENTS)
 def test_invalid_arguments_are_refused_before_a_folder_is_created(
     rig: RealRig, bench: Bench, tmp_path: Path, changed: dict[str, Any], said: str
 ) -> None:

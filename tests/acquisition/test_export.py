@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +23,7 @@ from acquisition import (
 from acquisition.exports import Layout, prepare_export
 from acquisition.imports import read_import
 from acquisition.plan import PlannedShot
-from acquisition.session import LightsRecord, Manifest, SessionWriter, compact_session
+from acquisition.session import LightsRecord, SessionWriter, compact_session
 from rig import Mounting
 from tests.acquisition.exported_session import (
     LEDS,

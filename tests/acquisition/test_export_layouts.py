@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -20,9 +19,9 @@ from acquisition import Session, import_frames, read_image, read_source
 from acquisition.exports import Caption, Layout, prepare_export
 from acquisition.exports.captioned_images import write_captioned_png
 from acquisition.imports import read_import
-from acquisition.session import CameraRecord, Manifest
 from acquisition.values import led_id
 from tests.acquisition.exported_session import NEAR, SIZE, TEXTS, lit, picture, same_lights, session
+from tests.acquisition.small_session import manifest
 
 
 @pytest.mark.parametrize("layout", ["diligent", "lp", "alicevision"])
@@ -202,14 +201,7 @@ def test_any_text_fits_into_a_caption(
     tmp_path_factory: pytest.TempPathFactory, title: str, notes: str, exposure_us: float | None
 ) -> None:
     path = tmp_path_factory.mktemp("png") / "a.png"
-    manifest = Manifest(
-        object=title,
-        operator="",
-        notes=notes,
-        started_utc=datetime(2026, 1, 2, tzinfo=UTC),
-        camera=CameraRecord(width=4, height=3, bit_depth=12),
-    )
-    caption = Caption(manifest, exposure_us)
+    caption = Caption(manifest((3, 4), 12, object=title, notes=notes), exposure_us)
     pixels = picture(1, (3, 4))
     write_captioned_png(path, pixels, caption)
     np.testing.assert_array_equal(read_image(path), pixels)

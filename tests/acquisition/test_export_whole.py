@@ -10,7 +10,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +30,8 @@ from acquisition.files import staged
 from acquisition.files import staging as _staging
 from acquisition.imports import read_import
 from acquisition.plan import PlannedShot
-from acquisition.session import LightsRecord, Manifest, SessionWriter
+from acquisition.session import LightsRecord, SessionWriter
+from tests.acquisition.small_session import manifest
 
 SIZE = (12, 16)
 LIGHTS = Lights(directions=np.array([[0.0, 0, 1], [0.6, 0, 0.8]]), ids=("L00", "L01"))
@@ -42,14 +42,8 @@ def session(tmp_path: Path) -> Path:
     """Return a session with two lights, a black level of 64, and true normals."""
     folder = tmp_path / "session"
     camera = {"width": SIZE[1], "height": SIZE[0], "bit_depth": 12, "black_level_dn": 64}
-    manifest = Manifest(
-        started_utc=datetime(2026, 1, 2, tzinfo=UTC),
-        operator="Ada",
-        object="coin",
-        camera=camera,
-        lights=LightsRecord.of(LIGHTS),
-    )
-    with SessionWriter.create(folder, manifest) as writer:
+    content = manifest(camera=camera, lights=LightsRecord.of(LIGHTS))
+    with SessionWriter.create(folder, content) as writer:
         for led in range(2):
             pixels = np.random.default_rng(led).integers(0, 4096, SIZE).astype(np.uint16)
             writer.write_frame(PlannedShot("light", led, 0, 0, 100.0), pixels)

@@ -130,47 +130,40 @@ def test_a_torn_line_followed_by_another_is_damage() -> None:
     assert "line 2 " in found.damage
 
 
-@pytest.mark.parametrize(
-    ("record", "said"),
-    [
-        pytest.param({**FRAME, "colour": 1}, "unknown key 'frame.colour'", id="unknown-key"),
-        pytest.param({**FRAME, "seq": 2}, "seq is 2 and should be 1", id="wrong-number"),
-        pytest.param({**START, "seq": 1}, "must be of kind session", id="second-start"),
-        pytest.param({**FRAME, "kind": "other"}, "kind", id="unknown-kind"),
-        pytest.param({**FRAME, "led": -1}, "led", id="negative-led"),
-        pytest.param({**FRAME, "exposure_us": 0}, "exposure_us", id="no-exposure"),
-        pytest.param({**FRAME, "file": "/etc/passwd"}, "file", id="absolute"),
-        pytest.param({**FRAME, "file": "frames/../../x.tif"}, "file", id="dots"),
-        pytest.param({**FRAME, "file": "frames\\x.tif"}, "file", id="backslash"),
-        pytest.param({**FRAME, "file": "frames/.."}, "file", id="parent"),
-        pytest.param({**FRAME, "file": "frames/a/b.tif"}, "file", id="deeper"),
-        pytest.param({**FRAME, "file": "frames/x.tif\n"}, "file", id="newline"),
-        pytest.param({k: v for k, v in FRAME.items() if k != "status"}, "status", id="missing"),
-        pytest.param({**FRAME, "time_utc": "2026-03-04"}, "in ISO 8601 format", id="only-a-day"),
-        pytest.param(
-            {**FRAME, "time_utc": "2026-13-04T05:06:07Z"}, "is not a date and time: ", id="month-13"
-        ),
-        pytest.param({**FRAME, "led": None}, "a light frame needs an LED", id="light-without-led"),
-        pytest.param(
-            {**FRAME, "role": "dark"}, "a dark frame has no LED, not 7", id="dark-with-led"
-        ),
-        pytest.param(
-            {**FRAME, "role": "ambient", "led": None, "above_dark": 0.1},
-            "ambient frame has no above_dark",
-            id="ambient-above-dark",
-        ),
-        pytest.param(
-            {**FRAME, "percentiles_dn": {"0": 1, "100": 9}},
-            "must have exactly the keys 0, 1, 50, 99, 99.9, 100",
-            id="few-percentiles",
-        ),
-        pytest.param(
-            {**FRAME, "percentiles_dn": {**PERCENTILES, "50": 9}},
-            "must not decrease from 0 to 100 per cent",
-            id="percentiles-that-decrease",
-        ),
-    ],
-)
+INVALID_LINES = {
+    "unknown-key": ({**FRAME, "colour": 1}, "unknown key 'frame.colour'"),
+    "wrong-number": ({**FRAME, "seq": 2}, "seq is 2 and should be 1"),
+    "second-start": ({**START, "seq": 1}, "must be of kind session"),
+    "unknown-kind": ({**FRAME, "kind": "other"}, "kind"),
+    "negative-led": ({**FRAME, "led": -1}, "led"),
+    "no-exposure": ({**FRAME, "exposure_us": 0}, "exposure_us"),
+    "absolute": ({**FRAME, "file": "/etc/passwd"}, "file"),
+    "dots": ({**FRAME, "file": "frames/../../x.tif"}, "file"),
+    "backslash": ({**FRAME, "file": "frames\\x.tif"}, "file"),
+    "parent": ({**FRAME, "file": "frames/.."}, "file"),
+    "deeper": ({**FRAME, "file": "frames/a/b.tif"}, "file"),
+    "newline": ({**FRAME, "file": "frames/x.tif\n"}, "file"),
+    "missing": ({k: v for k, v in FRAME.items() if k != "status"}, "status"),
+    "only-a-day": ({**FRAME, "time_utc": "2026-03-04"}, "in ISO 8601 format"),
+    "month-13": ({**FRAME, "time_utc": "2026-13-04T05:06:07Z"}, "is not a date and time: "),
+    "light-without-led": ({**FRAME, "led": None}, "a light frame needs an LED"),
+    "dark-with-led": ({**FRAME, "role": "dark"}, "a dark frame has no LED, not 7"),
+    "ambient-above-dark": (
+        {**FRAME, "role": "ambient", "led": None, "above_dark": 0.1},
+        "ambient frame has no above_dark",
+    ),
+    "few-percentiles": (
+        {**FRAME, "percentiles_dn": {"0": 1, "100": 9}},
+        "must have exactly the keys 0, 1, 50, 99, 99.9, 100",
+    ),
+    "percentiles-that-decrease": (
+        {**FRAME, "percentiles_dn": {**PERCENTILES, "50": 9}},
+        "must not decrease from 0 to 100 per cent",
+    ),
+}
+
+
+@pytest.mark.parametrize(("record", "said"), INVALID_LINES.values(), ids=INVALID_LINES)
 @pytest.mark.parametrize("ends", [True, False], ids=["", "no newline"])
 def test_a_line_with_a_valid_hash_must_be_valid_itself(
     record: dict[str, Any], said: str, ends: bool

@@ -26,28 +26,24 @@ FLAT = PlannedShot("flat", 3, 0, 0, 10.0)
 SOME_FLAT = PlannedShot("flat", None, 0, 0, 10.0)
 
 
-@pytest.mark.parametrize(
-    ("shot", "lit", "said"),
-    [
-        pytest.param(LIGHT, {}, None, id="no report"),
-        pytest.param(LIGHT, {"rig": 3, "board": 3}, None, id="light"),
-        pytest.param(
-            LIGHT, {"rig": 3, "board": 7}, "with LED 3, but board reports LED 7", id="other"
-        ),
-        pytest.param(LIGHT, {"rig": 7, "board": 3}, "with LED 3, but rig reports LED 7", id="rig"),
-        pytest.param(LIGHT, {"board": None}, "but board reports all LEDs off", id="unlit"),
-        pytest.param(DARK, {"board": None}, None, id="dark"),
-        pytest.param(
-            DARK, {"board": 0}, "with all LEDs off, but board reports LED 0", id="lit dark"
-        ),
-        pytest.param(AMBIENT, {"board": None}, None, id="ambient"),
-        pytest.param(AMBIENT, {"board": 1}, "with all LEDs off", id="lit ambient"),
-        pytest.param(FLAT, {"board": 3}, None, id="flat"),
-        pytest.param(FLAT, {"board": 0}, "with LED 3, but board reports LED 0", id="other flat"),
-        pytest.param(SOME_FLAT, {"board": 0}, None, id="flat of no plan"),
-        pytest.param(SOME_FLAT, {"board": None}, "with an LED, but board", id="flat without light"),
-    ],
-)
+REPORTS = {
+    "no report": (LIGHT, {}, None),
+    "light": (LIGHT, {"rig": 3, "board": 3}, None),
+    "other": (LIGHT, {"rig": 3, "board": 7}, "with LED 3, but board reports LED 7"),
+    "rig": (LIGHT, {"rig": 7, "board": 3}, "with LED 3, but rig reports LED 7"),
+    "unlit": (LIGHT, {"board": None}, "but board reports all LEDs off"),
+    "dark": (DARK, {"board": None}, None),
+    "lit dark": (DARK, {"board": 0}, "with all LEDs off, but board reports LED 0"),
+    "ambient": (AMBIENT, {"board": None}, None),
+    "lit ambient": (AMBIENT, {"board": 1}, "with all LEDs off"),
+    "flat": (FLAT, {"board": 3}, None),
+    "other flat": (FLAT, {"board": 0}, "with LED 3, but board reports LED 0"),
+    "flat of no plan": (SOME_FLAT, {"board": 0}, None),
+    "flat without light": (SOME_FLAT, {"board": None}, "with an LED, but board"),
+}
+
+
+@pytest.mark.parametrize(("shot", "lit", "said"), REPORTS.values(), ids=REPORTS)
 def test_reports_are_compared_with_the_plan(
     shot: PlannedShot, lit: dict[str, int | None], said: str | None
 ) -> None:
@@ -79,22 +75,15 @@ def lying(rig: Rig, monkeypatch: pytest.MonkeyPatch, at: int, change: dict[str, 
 
 
 # Shots 1 to 4 of the plan are dark and ambient frames, shot 5 is LED 3.
-@pytest.mark.parametrize(
-    ("at", "change", "said"),
-    [
-        pytest.param(
-            5,
-            {"led": 0},
-            "L03_E0.tif: was planned with LED 3, but the rig reports LED 0",
-            id="shot",
-        ),
-        pytest.param(5, {"echo": 0}, "but the LED board reports LED 0", id="echo"),
-        pytest.param(5, {"echo": None}, "but the LED board reports all LEDs off", id="no light"),
-        pytest.param(
-            1, {"led": 2}, "was planned with all LEDs off, but the rig reports LED 2", id="dark"
-        ),
-    ],
-)
+OTHER_LEDS = {
+    "shot": (5, {"led": 0}, "L03_E0.tif: was planned with LED 3, but the rig reports LED 0"),
+    "echo": (5, {"echo": 0}, "but the LED board reports LED 0"),
+    "no light": (5, {"echo": None}, "but the LED board reports all LEDs off"),
+    "dark": (1, {"led": 2}, "was planned with all LEDs off, but the rig reports LED 2"),
+}
+
+
+@pytest.mark.parametrize(("at", "change", "said"), OTHER_LEDS.values(), ids=OTHER_LEDS)
 def test_a_frame_of_another_led_is_not_kept(
     rig: Rig,
     bench: Bench,

@@ -118,24 +118,23 @@ def test_a_flickering_lamp_is_reported_with_a_suitable_exposure(
     assert states(flown(rendering, plan, tmp_path, flaws=pulsed))["steadiness"] == "ok"
 
 
+UNSUITABLE = {
+    "too-short": ((100.0,), {}, "exposure", "warning", "lengthen"),
+    "too-long": ((150_000.0,), {}, "exposure", "warning", "shorten"),
+    "over-the-plan's-limit": (
+        (60_000.0, 1000.0),
+        {"max_clipped_fraction": 0.0},
+        "exposure",
+        "failed",
+        "the plan allows 0.00%",
+    ),
+    "not-a-step-of-the-camera": ((20_000.4,), {}, None, "ok", ""),
+    "coarse-step": ((11.4,), {}, "camera", "warning", "11 us instead of 11.4 us"),
+}
+
+
 @pytest.mark.parametrize(
-    ("exposures_us", "others", "name", "state", "said"),
-    [
-        pytest.param((100.0,), {}, "exposure", "warning", "lengthen", id="too-short"),
-        pytest.param((150_000.0,), {}, "exposure", "warning", "shorten", id="too-long"),
-        pytest.param(
-            (60_000.0, 1000.0),
-            {"max_clipped_fraction": 0.0},
-            "exposure",
-            "failed",
-            "the plan allows 0.00%",
-            id="over-the-plan's-limit",
-        ),
-        pytest.param((20_000.4,), {}, None, "ok", "", id="not-a-step-of-the-camera"),
-        pytest.param(
-            (11.4,), {}, "camera", "warning", "11 us instead of 11.4 us", id="coarse-step"
-        ),
-    ],
+    ("exposures_us", "others", "name", "state", "said"), UNSUITABLE.values(), ids=UNSUITABLE
 )
 def test_unsuitable_exposures(
     rendering: Rendering,

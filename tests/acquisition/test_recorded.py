@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -11,10 +10,11 @@ import pytest
 
 from acquisition import CapturePlan, DataError, Session
 from acquisition.plan import PlannedShot
-from acquisition.session import CameraRecord, EventLine, FrameLine, Journal, Manifest, StartLine
+from acquisition.session import CameraRecord, EventLine, FrameLine, Journal, StartLine
 from acquisition.session.journal import Line
 from acquisition.session.journal_frames import Recorded, recorded_frames
 from acquisition.session.open_shots import OpenShots
+from tests.acquisition.small_session import manifest
 
 TIME = "2026-03-04T05:06:07Z"
 CAMERA = CameraRecord(width=8, height=6, bit_depth=12)
@@ -79,13 +79,8 @@ def upgraded(seq: int) -> EventLine:
 def read(
     *lines: Line, folder: Path = Path("s"), version: int = 3, plan: CapturePlan | None = PLAN
 ) -> Recorded:
-    content = Manifest(
-        started_utc=datetime(2026, 1, 2, tzinfo=UTC),
-        operator="Ada",
-        object="coin",
-        plan=plan,
-        camera=CAMERA,
-    ).model_copy(update={"format_version": version})
+    content = manifest(plan=plan, camera=CAMERA)
+    content = content.model_copy(update={"format_version": version})
     start = StartLine(seq=0, time_utc=TIME, session_toml_sha256="a" * 64)
     planned = () if plan is None else plan.shots()
     return recorded_frames(folder, content, planned, Journal((start, *lines), b"", ""))
@@ -104,35 +99,28 @@ def test_a_frame_and_its_later_file() -> None:
     assert (before.file_sha256, before.shape) == ("b" * 64, (6, 8))
 
 
-@pytest.mark.parametrize(
-    ("version", "changed", "said"),
-    [
-        pytest.param(3, {"echo": ECHO}, None, id="with echo"),
-        pytest.param(2, {}, None, id="version 2"),
-        pytest.param(1, NO_KEYS_2, None, id="version 1"),
-        pytest.param(
-            1, {**NO_KEYS_2, "echo": {"seq": 1, "led": 0}}, None, id="version 1 with echo"
-        ),
-        pytest.param(1, {}, "format version 1 has no key 'above_dark'", id="new keys in 1"),
-        pytest.param(1, {**NO_KEYS_2, "echo": ECHO}, "has no key 'active_us'", id="new echo in 1"),
-        pytest.param(2, NO_KEYS_2, "the key 'above_dark' is missing", id="old keys in 2"),
-        pytest.param(2, {"mean_dn": ABSENT}, "the key 'mean_dn' is missing", id="one key missing"),
-        pytest.param(
-            3, {"echo": {"seq": 1, "led": 0}}, "key 'active_us' is missing", id="old echo in 3"
-        ),
-        pytest.param(3, {"led": 5}, "frames/L00_E0.tif is not in the plan", id="not planned"),
-        pytest.param(3, {"bytes": BYTES - 1}, "95 bytes, too few for 8 x 6", id="too small"),
-        pytest.param(
-            3,
-            {"percentiles_dn": frame().percentiles_dn | {"100": 4096}},
-            "has a value of 4096, which exceeds 12 bits",
-            id="13 bits",
-        ),
-        pytest.param(
-            3, {"percentiles_dn": frame().percentiles_dn | {"100": 4095}}, None, id="12 bits"
-        ),
-    ],
-)
+MISFITS = {
+    "with echo": (3, {"echo": ECHO}, None),
+    "version 2": (2, {}, None),
+    "version 1": (1, NO_KEYS_2, None),
+    "version 1 with echo": (1, {**NO_KEYS_2, "echo": {"seq": 1, "led": 0}}, None),
+    "new keys in 1": (1, {}, "format version 1 has no key 'above_dark'"),
+    "new echo in 1": (1, {**NO_KEYS_2, "echo": ECHO}, "has no key 'active_us'"),
+    "old keys in 2": (2, NO_KEYS_2, "the key 'above_dark' is missing"),
+    "one key missing": (2, {"mean_dn": ABSENT}, "the key 'mean_dn' is missing"),
+    "old echo in 3": (3, {"echo": {"seq": 1, "led": 0}}, "key 'active_us' is missing"),
+    "not planned": (3, {"led": 5}, "frames/L00_E0.tif is not in the plan"),
+    "too small": (3, {"bytes": BYTES - 1}, "95 bytes, too few for 8 x 6"),
+    "13 bits": (
+        3,
+        {"percentiles_dn": frame().percentiles_dn | {"100": 4096}},
+        "has a value of 4096, which exceeds 12 bits",
+    ),
+    "12 bits": (3, {"percentiles_dn": frame().percentiles_dn | {"100": 4095}}, None),
+}
+
+
+@pytest.mark.parametrize(("version", "changed", "said"), MISFITS.values(), ids=MISFITS)
 def test_a_line_fits_version_plan_and_camera(
     version: int, changed: dict[str, Any], said: str | None
 ) -> None:

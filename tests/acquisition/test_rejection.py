@@ -193,28 +193,22 @@ def test_the_margin_of_light(dark: dict[str, int], light: dict[str, int], lit: b
 
 
 @pytest.mark.parametrize(
-    ("exposure_us", "must"),
+    ("lit", "dark", "rise", "least_us"),
     [
         # 60 grey values at 1000 us; three times the margin of 5 are 15 at 250 us.
-        pytest.param(249.0, False, id="too short for the rise"),
-        pytest.param(251.0, True, id="long enough"),
+        pytest.param(levels(124, 134), levels(64, 74), (60, 60, 60, 60), 250.0, id="light"),
+        # 400 of 1000 at 1000 us: three times 5 % are 150 at 375 us.
+        pytest.param(levels(64, 64, 464), levels(64, 64), (0, 0, 0, 400), 375.0, id="highlight"),
     ],
 )
-def test_how_long_an_exposure_must_show_its_light(exposure_us: float, must: bool) -> None:
-    dark = levels(64, 74)
-    seen = SeenLight.of(1000.0, levels(124, 134), dark, 1000)
+def test_how_long_an_exposure_must_show_its_light(
+    lit: dict[str, int], dark: dict[str, int], rise: tuple[int, ...], least_us: float
+) -> None:
+    seen = SeenLight.of(1000.0, lit, dark, 1000)
     assert seen is not None
-    assert seen.rise_dn == {"50": 60, "99": 60, "99.9": 60, "100": 60}
-    assert seen.must_show(exposure_us, dark, 1000) == must
-
-
-@pytest.mark.parametrize(("exposure_us", "must"), [(374.0, False), (376.0, True)])
-def test_how_long_an_exposure_must_show_its_highlight(exposure_us: float, must: bool) -> None:
-    """400 of 1000 at 1000 us: three times 5 % are 150 at 375 us."""
-    dark = levels(64, 64)
-    seen = SeenLight.of(1000.0, levels(64, 64, 464), dark, 1000)
-    assert seen is not None
-    assert seen.must_show(exposure_us, dark, 1000) == must
+    assert seen.rise_dn == dict(zip(("50", "99", "99.9", "100"), rise, strict=True))
+    assert not seen.must_show(least_us - 1, dark, 1000)
+    assert seen.must_show(least_us + 1, dark, 1000)
 
 
 @pytest.mark.parametrize(("level_dn", "darker"), [(64, False), (63, False), (62, True), (40, True)])

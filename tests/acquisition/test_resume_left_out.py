@@ -105,7 +105,7 @@ def test_left_out_shots_stay_left_out_after_another_interruption(
     assert [shot.led for shot in session.missing] == [3, 5]
     with SessionWriter.reopen(tmp_path / "s") as writer:
         assert writer.missing == session.missing
-        assert writer.demanded == 8
+        assert writer.shots.demanded == 8
     bench.shots.clear()
     session = resume(rig, tmp_path / "s")
     assert session.complete

@@ -40,32 +40,28 @@ def _board(**changed: Any) -> Callable[[Bench], None]:
     return change
 
 
-@pytest.mark.parametrize(
-    ("change", "config", "said"),
-    [
-        pytest.param(_camera(serial="43"), {}, "camera serial was 42 and is 43", id="serial"),
-        pytest.param(_camera(width=12), {}, "camera width was 10 and is 12", id="size"),
-        pytest.param(
-            _camera(pixel_format="Mono10", bit_depth=10),
-            {},
-            "camera bit_depth was 12 and is 10; camera pixel_format was Mono12 and is Mono10",
-            id="format",
-        ),
-        pytest.param(_camera(cfa="RGGB"), {}, "cfa was not stated and is RGGB", id="colour"),
-        pytest.param(_board(name="other"), {}, "board was fake-board and is other", id="board"),
-        pytest.param(_board(firmware="2"), {}, "firmware was 1.2.3 and is 2", id="firmware"),
-        pytest.param(_board(leds=8), {"leds": 8}, "rig leds was 6 and is 8", id="led count"),
-        pytest.param(
-            _board(), {"mounting": {"rotation_deg": 180}}, "rig mounting was", id="mounting"
-        ),
-        pytest.param(
-            _board(name="other"),
-            {"name": "bench-2"},
-            "another rig: rig name was bench-1 and is bench-2; rig board was fake-board",
-            id="two things",
-        ),
-    ],
-)
+OTHER_RIGS = {
+    "serial": (_camera(serial="43"), {}, "camera serial was 42 and is 43"),
+    "size": (_camera(width=12), {}, "camera width was 10 and is 12"),
+    "format": (
+        _camera(pixel_format="Mono10", bit_depth=10),
+        {},
+        "camera bit_depth was 12 and is 10; camera pixel_format was Mono12 and is Mono10",
+    ),
+    "colour": (_camera(cfa="RGGB"), {}, "cfa was not stated and is RGGB"),
+    "board": (_board(name="other"), {}, "board was fake-board and is other"),
+    "firmware": (_board(firmware="2"), {}, "firmware was 1.2.3 and is 2"),
+    "led count": (_board(leds=8), {"leds": 8}, "rig leds was 6 and is 8"),
+    "mounting": (_board(), {"mounting": {"rotation_deg": 180}}, "rig mounting was"),
+    "two things": (
+        _board(name="other"),
+        {"name": "bench-2"},
+        "another rig: rig name was bench-1 and is bench-2; rig board was fake-board",
+    ),
+}
+
+
+@pytest.mark.parametrize(("change", "config", "said"), OTHER_RIGS.values(), ids=OTHER_RIGS)
 def test_another_rig_is_refused_with_its_differences(
     rig: Rig,
     bench: Bench,
@@ -86,37 +82,35 @@ def test_another_rig_is_refused_with_its_differences(
     assert (tmp_path / "s" / "journal.jsonl").read_bytes() == before
 
 
-@pytest.mark.parametrize(
-    ("stored", "current", "said"),
-    [
-        pytest.param(
-            {"pixel_format": "Mono12"},
-            {"pixel_format": "Mono12", "black_level": 300.0},
-            "started with another rig: rig option black_level was not stated and is 300.0;",
-            id="black level",
-        ),
-        pytest.param(
-            {"black_level": 300.0, "trigger_line": "Line1"},
-            {"readout_us": 20},
+OTHER_OPTIONS = {
+    "black level": (
+        {"pixel_format": "Mono12"},
+        {"pixel_format": "Mono12", "black_level": 300.0},
+        "started with another rig: rig option black_level was not stated and is 300.0;",
+    ),
+    "several": (
+        {"black_level": 300.0, "trigger_line": "Line1"},
+        {"readout_us": 20},
+        (
             "rig option black_level was 300.0 and is not stated; "
             "rig option trigger_line was Line1 and is not stated; "
-            "rig option readout_us was not stated and is 20;",
-            id="several",
+            "rig option readout_us was not stated and is 20;"
         ),
-        pytest.param(
-            {"sensor": {"black_level_dn": 64}},
-            {"sensor": {"black_level_dn": 90}},
-            "rig option sensor was {'black_level_dn': 64} and is {'black_level_dn': 90};",
-            id="a table",
-        ),
-        pytest.param(
-            {"port": "COM3", "cti": "a.cti", "black_level": 300},
-            {"port": "auto", "cti": "b/a.cti", "black_level": 300.0, "camera": "42"},
-            None,
-            id="found elsewhere",
-        ),
-    ],
-)
+    ),
+    "a table": (
+        {"sensor": {"black_level_dn": 64}},
+        {"sensor": {"black_level_dn": 90}},
+        "rig option sensor was {'black_level_dn': 64} and is {'black_level_dn': 90};",
+    ),
+    "found elsewhere": (
+        {"port": "COM3", "cti": "a.cti", "black_level": 300},
+        {"port": "auto", "cti": "b/a.cti", "black_level": 300.0, "camera": "42"},
+        None,
+    ),
+}
+
+
+@pytest.mark.parametrize(("stored", "current", "said"), OTHER_OPTIONS.values(), ids=OTHER_OPTIONS)
 def test_a_session_is_not_resumed_with_other_driver_options(
     tmp_path: Path, stored: dict[str, Any], current: dict[str, Any], said: str | None
 ) -> None:

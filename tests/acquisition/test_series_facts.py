@@ -29,28 +29,22 @@ def facts(*times_s: float | None, shutter_s: tuple[float | None, ...] = ()) -> l
     ]
 
 
-@pytest.mark.parametrize(
-    ("images", "expected", "codes"),
-    [
-        pytest.param(facts(None, None), (None, None), [], id="not stated"),
-        pytest.param(facts(0.02, 0.02), (0.02, 0.02), [], id="equal"),
-        pytest.param(facts(0.02, 0.020_001), (0.02, 0.02), [], id="equal but for rounding"),
-        pytest.param(
-            facts(0.02, None), (0.02, 0.02), ["exposure-times-assumed"], id="one not stated"
-        ),
-        pytest.param(
-            facts(0.02, 0.04), (0.02, 0.04), ["exposure-times-applied"], id="different"
-        ),
-        pytest.param(
-            facts(1 / 60, 1 / 30, shutter_s=(1 / 64, 1 / 32)),
-            (1 / 64, 1 / 32), ["exposure-times-applied"], id="finer",
-        ),
-        pytest.param(
-            facts(1 / 60, 1 / 60, shutter_s=(1 / 64, None)), (1 / 60, 1 / 60), [],
-            id="not finer for all",
-        ),
-    ],
-)  # fmt: skip
+TIMES = {
+    "not stated": (facts(None, None), (None, None), []),
+    "equal": (facts(0.02, 0.02), (0.02, 0.02), []),
+    "equal but for rounding": (facts(0.02, 0.020_001), (0.02, 0.02), []),
+    "one not stated": (facts(0.02, None), (0.02, 0.02), ["exposure-times-assumed"]),
+    "different": (facts(0.02, 0.04), (0.02, 0.04), ["exposure-times-applied"]),
+    "finer": (
+        facts(1 / 60, 1 / 30, shutter_s=(1 / 64, 1 / 32)),
+        (1 / 64, 1 / 32),
+        ["exposure-times-applied"],
+    ),
+    "not finer for all": (facts(1 / 60, 1 / 60, shutter_s=(1 / 64, None)), (1 / 60, 1 / 60), []),
+}
+
+
+@pytest.mark.parametrize(("images", "expected", "codes"), TIMES.values(), ids=TIMES)
 def test_times_of_a_series(
     images: list[ImageFacts], expected: tuple[float | None, ...], codes: list[str]
 ) -> None:

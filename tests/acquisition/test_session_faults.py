@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import os
 from collections.abc import Callable
-from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,22 +13,12 @@ import numpy as np
 import pytest
 
 from acquisition import CapturePlan, DataError, Session, StorageError, verify_session
-from acquisition.session import CameraRecord, Manifest, SessionWriter
-from rig.arrays import UInt16
+from acquisition.session import SessionWriter
+from tests.acquisition import small_session
 
-
-def manifest() -> Manifest:
-    return Manifest(
-        started_utc=datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC),
-        operator="Ada",
-        object="coin",
-        plan=CapturePlan(leds=(0, 1, 2), exposures_us=(100.0,)),
-        camera=CameraRecord(width=8, height=6, bit_depth=12),
-    )
-
-
-def picture(seed: int) -> UInt16:
-    return np.random.default_rng(seed).integers(0, 4096, (6, 8)).astype(np.uint16)
+PLAN = CapturePlan(leds=(0, 1, 2), exposures_us=(100.0,))
+manifest = partial(small_session.manifest, (6, 8), 12, plan=PLAN)
+picture = partial(small_session.picture, shape=(6, 8), above=4096)
 
 
 def write_all(writer: SessionWriter, start: int = 0) -> None:

@@ -1,33 +1,26 @@
 from __future__ import annotations
 
 import shutil
-from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from acquisition import CapturePlan, DataError, Session, verify_session
-from acquisition.session import CameraRecord, Manifest, SessionFrame, SessionWriter
+from acquisition.session import SessionFrame, SessionWriter
 from rig.arrays import UInt16
+from tests.acquisition import small_session
+from tests.acquisition.small_session import manifest
 
 FLIPS = 250
-
-
-def picture(index: int) -> UInt16:
-    return np.random.default_rng(index).integers(0, 4096, (12, 16)).astype(np.uint16)
+picture = partial(small_session.picture, shape=(12, 16), above=4096)
 
 
 @pytest.fixture(params=["complete", pytest.param("incomplete", marks=pytest.mark.slow)])
 def folder(tmp_path: Path, request: pytest.FixtureRequest) -> Path:
-    content = Manifest(
-        started_utc=datetime(2026, 1, 2, tzinfo=UTC),
-        operator="Ada",
-        object="coin",
-        notes="rim scratched at two o'clock",
-        plan=CapturePlan(leds=(0, 1, 2), exposures_us=(100.0,)),
-        camera=CameraRecord(width=16, height=12, bit_depth=12),
-    )
+    plan = CapturePlan(leds=(0, 1, 2), exposures_us=(100.0,))
+    content = manifest((12, 16), 12, notes="rim scratched at two o'clock", plan=plan)
     with SessionWriter.create(tmp_path / "s", content) as writer:
         for index, shot in enumerate(writer.missing):
             if request.param == "incomplete" and shot.led == 2:

@@ -346,34 +346,27 @@ def test_the_golden_session_is_read_after_moving(version: int, tmp_path: Path) -
     assert verify_session(tmp_path / "moved").ok
 
 
+LACKS = "unknown key '{}': format version 1 does not have it"
+MIRRORED = "leds = 4\n[rig.mounting]\nmirror = true"
+
+
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("version", "old", "new", "said"),
     [
-        pytest.param("gain_db = 1.5", "flats = 1", "plan.flats", id="flats"),
-        pytest.param("gain_db = 1.5", "sequence = false", "plan.sequence", id="sequence"),
+        pytest.param(1, "gain_db = 1.5", "flats = 1", LACKS.format("plan.flats"), id="flats"),
         pytest.param(
-            "leds = 4", "leds = 4\n[rig.mounting]\nmirror = true", "rig.mounting", id="rig"
+            1, "gain_db = 1.5", "sequence = false", LACKS.format("plan.sequence"), id="sequence"
         ),
+        pytest.param(1, "leds = 4", MIRRORED, LACKS.format("rig.mounting"), id="rig"),
+        pytest.param(3, "mu = [", "mu = [[1],", "lights.mu.0", id="type"),
+        pytest.param(3, "mu = [", "mu = [1.0,", "2 lights need 2 finite values mu", id="count"),
+        pytest.param(3, "[lights]", "[lights]\ncalibrated = {}", "unknown key 'lights.c", id="key"),
     ],
 )
-def test_version_1_has_no_keys_of_version_2(old: str, new: str, said: str) -> None:
-    path = FOLDERS[1] / "session.toml"
-    data = path.read_text(encoding="utf-8")
-    assert old in data
-    with pytest.raises(DataError, match=f"unknown key '{said}': format version 1 does not have it"):
-        parse_manifest(data.replace(old, new).encode(), path)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        pytest.param("mu = [", "mu = [[1],", "lights.mu.0", id="type"),
-        pytest.param("mu = [", "mu = [1.0,", "2 lights need 2 finite values mu", id="count"),
-        pytest.param("[lights]", "[lights]\ncalibrated = {}", "unknown key 'lights.c", id="key"),
-    ],
-)
-def test_lights_of_older_versions_are_checked(old: str, new: str, said: str) -> None:
-    path = FOLDERS[3] / "session.toml"
+def test_keys_and_lights_are_those_of_the_version(
+    version: int, old: str, new: str, said: str
+) -> None:
+    path = FOLDERS[version] / "session.toml"
     data = path.read_text(encoding="utf-8")
     assert old in data
     with pytest.raises(DataError, match=said) as caught:

@@ -9,20 +9,18 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from acquisition import CapturePlan, DataError, Session, StorageError, verify_session
-from acquisition.session import CameraRecord, Manifest, SessionWriter, compact_session
-from rig.arrays import UInt16
+from acquisition import DataError, Session, StorageError, verify_session
+from acquisition.session import SessionWriter, compact_session
+from tests.acquisition.small_session import PLAN, manifest, picture
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs links and pipes")
 
-PLAN = CapturePlan(leds=(0, 1), exposures_us=(100.0,))
 Plant = Callable[[Path, Path], None]
 
 
@@ -50,23 +48,9 @@ def unharmed(victim: Path) -> bool:
     return [(p.name, p.read_bytes()) for p in victim.parent.iterdir()] == [("victim", b"mine")]
 
 
-def picture(seed: int) -> UInt16:
-    return np.random.default_rng(seed).integers(0, 40, (24, 32)).astype(np.uint16)
-
-
-def manifest() -> Manifest:
-    return Manifest(
-        started_utc=datetime(2026, 1, 2, tzinfo=UTC),
-        operator="Ada",
-        object="coin",
-        plan=PLAN,
-        camera=CameraRecord(width=32, height=24, bit_depth=16),
-    )
-
-
 def started(folder: Path, frames: int) -> Path:
     """Start a session and write the given number of its three frames."""
-    with SessionWriter.create(folder, manifest()) as writer:
+    with SessionWriter.create(folder, manifest(plan=PLAN)) as writer:
         for index, shot in enumerate(PLAN.shots()[:frames]):
             writer.write_frame(shot, picture(index))
         if frames == 3:

@@ -3,7 +3,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +13,12 @@ from acquisition import CapturePlan, DataError, MissingPathError, Session, verif
 from acquisition.pixels import write_tiff
 from acquisition.session import (
     GENESIS,
-    CameraRecord,
-    Manifest,
     SessionWriter,
     compact_session,
     encode_line,
 )
 from acquisition.session import session as _session
+from tests.acquisition.small_session import manifest
 
 PLAN = CapturePlan(leds=(0, 1), exposures_us=(100.0,))
 
@@ -28,14 +26,7 @@ PLAN = CapturePlan(leds=(0, 1), exposures_us=(100.0,))
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """Return a complete session of three frames whose pixels are 100, 101, 102."""
-    content = Manifest(
-        started_utc=datetime(2026, 1, 2, tzinfo=UTC),
-        operator="Ada",
-        object="coin",
-        plan=PLAN,
-        camera=CameraRecord(width=8, height=6, bit_depth=12),
-    )
-    with SessionWriter.create(tmp_path / "s", content) as writer:
+    with SessionWriter.create(tmp_path / "s", manifest((6, 8), 12, plan=PLAN)) as writer:
         for index, shot in enumerate(writer.missing):
             writer.write_frame(shot, np.full((6, 8), 100 + index, np.uint16))
         writer.complete()
@@ -113,83 +104,67 @@ def broken_middle(folder: Path) -> None:
     path.write_bytes(lines[0] + lines[1][:50] + b"\n" + b"".join(lines[2:]))
 
 
+INVALID_SESSIONS = {
+    "newer-version": (
+        toml_with("format_version = 4", "format_version = 5"),
+        "session.toml",
+        "format version 5 is unknown, this program reads 1, 2, 3 and 4",
+    ),
+    "no-version": (toml_with("format_version = 4\n", ""), "session.toml", "version None"),
+    "unknown-key": (
+        toml_with("[camera]", 'colour = "red"\n[camera]'),
+        "session.toml",
+        "unknown key 'plan.colour'",
+    ),
+    "bits": (toml_with("bit_depth = 12", "bit_depth = 99"), "session.toml", "bit_depth"),
+    "key-twice": (
+        toml_with("bit_depth = 12", "bit_depth = 12\nblack_level_dn = 5000"),
+        "session.toml",
+        "",
+    ),
+    "levels": (
+        toml_with("black_level_dn = 0.0", "black_level_dn = 5000.0"),
+        "session.toml",
+        "black level is not below",
+    ),
+    "lights-that-are-none": (
+        toml_with(
+            "[camera]",
+            "[[lights.lights]]\nid = 'L00'\ndirection = [0, 0, 0]\n[camera]",
+        ),
+        "session.toml",
+        "zero vector",
+    ),
+    "path-with-dots": (frame_with(file="../outside.tif"), "journal.jsonl", "line 3"),
+    "path-absolute": (frame_with(file="/etc/hosts"), "journal.jsonl", "line 3"),
+    "not-planned": (frame_with(led=5), "L00_E0.tif", "not in the plan"),
+    "folder-linked": (linked("frames"), "s/frames", "leaves the session"),
+    "frame-linked": (linked("frames/L00_E0.tif"), "L00_E0.tif", "leaves the session"),
+    "links-in-a-circle": (circled, "L00_E0.tif", "leaves the session"),
+    "broken-middle": (broken_middle, "journal.jsonl", "line 2 is damaged"),
+    "other-mark": (
+        lambda folder: (folder / "COMPLETE").write_text("yes\n"),
+        "COMPLETE",
+        "does not match journal.jsonl",
+    ),
+    "complete-without-frames": (
+        lambda folder: forge(folder, records(folder)[:-1]),
+        "COMPLETE",
+        "first L01_E0.tif",
+    ),
+    "no-manifest": (dropped("session.toml"), "session.toml", "missing"),
+    "no-journal": (dropped("journal.jsonl"), "journal.jsonl", "missing"),
+    "manifest-not-text": (
+        lambda folder: (folder / "session.toml").write_bytes(b"\xff\xfe"),
+        "session.toml",
+        "not TOML",
+    ),
+    "forged-but-consistent": (toml_with('operator = "Ada"', 'operator = "Eve"'), "", None),
+}
+
+
 @pytest.mark.parametrize(
-    ("change", "name", "said"),
-    [
-        pytest.param(
-            toml_with("format_version = 4", "format_version = 5"),
-            "session.toml",
-            "format version 5 is unknown, this program reads 1, 2, 3 and 4",
-            id="newer-version",
-        ),
-        pytest.param(
-            toml_with("format_version = 4\n", ""), "session.toml", "version None", id="no-version"
-        ),
-        pytest.param(
-            toml_with("[camera]", 'colour = "red"\n[camera]'),
-            "session.toml",
-            "unknown key 'plan.colour'",
-            id="unknown-key",
-        ),
-        pytest.param(
-            toml_with("bit_depth = 12", "bit_depth = 99"), "session.toml", "bit_depth", id="bits"
-        ),
-        pytest.param(
-            toml_with("bit_depth = 12", "bit_depth = 12\nblack_level_dn = 5000"),
-            "session.toml",
-            "",
-            id="key-twice",
-        ),
-        pytest.param(
-            toml_with("black_level_dn = 0.0", "black_level_dn = 5000.0"),
-            "session.toml",
-            "black level is not below",
-            id="levels",
-        ),
-        pytest.param(
-            toml_with(
-                "[camera]",
-                "[[lights.lights]]\nid = 'L00'\ndirection = [0, 0, 0]\n[camera]",
-            ),
-            "session.toml",
-            "zero vector",
-            id="lights-that-are-none",
-        ),
-        pytest.param(
-            frame_with(file="../outside.tif"), "journal.jsonl", "line 3", id="path-with-dots"
-        ),
-        pytest.param(frame_with(file="/etc/hosts"), "journal.jsonl", "line 3", id="path-absolute"),
-        pytest.param(frame_with(led=5), "L00_E0.tif", "not in the plan", id="not-planned"),
-        pytest.param(linked("frames"), "s/frames", "leaves the session", id="folder-linked"),
-        pytest.param(
-            linked("frames/L00_E0.tif"), "L00_E0.tif", "leaves the session", id="frame-linked"
-        ),
-        pytest.param(circled, "L00_E0.tif", "leaves the session", id="links-in-a-circle"),
-        pytest.param(broken_middle, "journal.jsonl", "line 2 is damaged", id="broken-middle"),
-        pytest.param(
-            lambda folder: (folder / "COMPLETE").write_text("yes\n"),
-            "COMPLETE",
-            "does not match journal.jsonl",
-            id="other-mark",
-        ),
-        pytest.param(
-            lambda folder: forge(folder, records(folder)[:-1]),
-            "COMPLETE",
-            "first L01_E0.tif",
-            id="complete-without-frames",
-        ),
-        pytest.param(dropped("session.toml"), "session.toml", "missing", id="no-manifest"),
-        pytest.param(dropped("journal.jsonl"), "journal.jsonl", "missing", id="no-journal"),
-        pytest.param(
-            lambda folder: (folder / "session.toml").write_bytes(b"\xff\xfe"),
-            "session.toml",
-            "not TOML",
-            id="manifest-not-text",
-        ),
-        pytest.param(
-            toml_with('operator = "Ada"', 'operator = "Eve"'), "", None, id="forged-but-consistent"
-        ),
-    ],
+    ("change", "name", "said"), INVALID_SESSIONS.values(), ids=INVALID_SESSIONS
 )
 def test_invalid_sessions_are_refused(
     folder: Path, change: Callable[[Path], None], name: str, said: str | None
@@ -299,14 +274,7 @@ def test_a_compacted_frame_is_read_from_its_new_file(folder: Path) -> None:
         "bytes": len(data),
         "file_sha256": hashlib.sha256(data).hexdigest(),
     }
-    event = {
-        "kind": "event",
-        "seq": 4,
-        "time_utc": rows[0]["time_utc"],
-        "event": "compacted",
-        "details": details,
-    }
-    forge(folder, [*rows, event])
+    forge(folder, [*rows, compacted(rows, details)])
     assert verify_session(folder).problems == ()
     assert int(Session.open(folder).frames[1].read()[0, 0]) == 101
     data = new.read_bytes()
@@ -331,14 +299,7 @@ def test_an_invalid_compaction_event(folder: Path, changed: dict[str, Any]) -> N
     rows = records(folder)
     details = {"frame_seq": 2, "file": "frames/L00_E0.z.tif", "bytes": 5, "file_sha256": "a" * 64}
     details.update(changed)
-    event = {
-        "kind": "event",
-        "seq": 4,
-        "time_utc": rows[0]["time_utc"],
-        "event": "compacted",
-        "details": details,
-    }
-    forge(folder, [*rows, event])
+    forge(folder, [*rows, compacted(rows, details)])
     with pytest.raises(DataError, match=r"journal\.jsonl: line 5: "):
         Session.open(folder)
 

@@ -3,6 +3,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,28 +28,17 @@ from acquisition.session import (
     CameraRecord,
     EventLine,
     LightsRecord,
-    Manifest,
     SensorRecord,
     SessionWriter,
 )
 from rig.arrays import UInt16
+from tests.acquisition import small_session
 
 PLAN = CapturePlan(leds=(0, 1, 2), exposures_us=(100.0,))
 
 
-def manifest(**changed: Any) -> Manifest:
-    values: dict[str, Any] = {
-        "started_utc": datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC),
-        "operator": "Ada",
-        "object": "coin",
-        "plan": PLAN,
-        "camera": CameraRecord(width=8, height=6, bit_depth=12),
-    }
-    return Manifest(**{**values, **changed})
-
-
-def picture(seed: int) -> UInt16:
-    return np.random.default_rng(seed).integers(0, 4096, (6, 8)).astype(np.uint16)
+manifest = partial(small_session.manifest, (6, 8), 12, plan=PLAN)
+picture = partial(small_session.picture, shape=(6, 8), above=4096)
 
 
 def write_all(writer: SessionWriter) -> None:

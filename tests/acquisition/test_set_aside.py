@@ -238,7 +238,7 @@ def test_a_replaced_take_stays_replaced(tmp_path: Path) -> None:
     flip(folder / "frames/L00_E0_R1.tif")
     with SessionWriter.reopen(folder, set_aside_damaged=True) as writer:
         assert writer.missing == (shot,)
-        assert (writer.demanded, Session.open(folder).frames) == (1, ())
+        assert (writer.shots.demanded, Session.open(folder).frames) == (1, ())
         line = writer.write_frame(
             shot, np.full((7, 10), 3, np.uint16), echo=Echo(seq=1, led=shot.led)
         )
@@ -294,10 +294,10 @@ def test_complete_reads_frames_of_other_processes(
 
     monkeypatch.setattr(_frame_proofs, "frame_damage", noted)
     with SessionWriter.reopen(folder) as writer:
-        assert writer.checked == (0, 7)
+        assert writer.proofs.checked == (0, 7)
         earlier = [frame.path.name for frame in Session.open(folder).recorded]
-        assert writer.check_next()
-        assert (read, writer.checked) == (earlier[:1], (1, 7))
+        assert writer.proofs.check_next()
+        assert (read, writer.proofs.checked) == (earlier[:1], (1, 7))
         for shot in writer.missing:
             pixels = seen(shot.led, shot.exposure_us or 0)
             writer.write_frame(shot, pixels, echo=Echo(seq=1, led=shot.led))
@@ -315,7 +315,7 @@ def test_a_frame_that_is_damaged_while_the_writer_is_open_is_detected(
     """Both frames that were read back and frames that this process wrote."""
     folder = cut(rig, bench, tmp_path / "s", 8)
     with SessionWriter.reopen(folder) as writer:
-        while writer.check_next():
+        while writer.proofs.check_next():
             pass
         for shot in writer.missing:
             pixels = seen(shot.led, shot.exposure_us or 0)

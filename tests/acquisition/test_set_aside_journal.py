@@ -51,25 +51,21 @@ def event(rows: list[dict[str, Any]], name: str, **details: Any) -> dict[str, An
 UPGRADE = {"from_version": 2, "to_version": 3, "software_version": "1"}
 
 
-@pytest.mark.parametrize(
-    ("version", "name", "changed", "said"),
-    [
-        pytest.param(3, "set_aside", {}, None, id="good"),
-        pytest.param(3, "set_aside", {"frame_seq": 0}, "line 12: sets frames", id="no frame"),
-        pytest.param(
-            3, "set_aside", {"file": "frames/L00_E0.tif"}, "line 12: sets", id="not its file"
-        ),
-        pytest.param(3, "set_aside", {"kept": "frames/x.tif"}, "kept", id="kept in frames"),
-        pytest.param(
-            3, "set_aside", {"kept": "derived/set_aside/../../x"}, "kept", id="kept outside"
-        ),
-        pytest.param(3, "set_aside", {"more": 1}, "unknown key 'more'", id="more"),
-        pytest.param(2, "set_aside", {}, None, id="unknown to version 2"),
-        pytest.param(2, "upgraded", UPGRADE, None, id="upgrade"),
-        pytest.param(3, "upgraded", UPGRADE, "it has version 3", id="upgrade of version 3"),
-        pytest.param(2, "upgraded", {**UPGRADE, "to_version": 4}, "to_version", id="beyond"),
-    ],
-)
+EVENTS = {
+    "good": (3, "set_aside", {}, None),
+    "no frame": (3, "set_aside", {"frame_seq": 0}, "line 12: sets frames"),
+    "not its file": (3, "set_aside", {"file": "frames/L00_E0.tif"}, "line 12: sets"),
+    "kept in frames": (3, "set_aside", {"kept": "frames/x.tif"}, "kept"),
+    "kept outside": (3, "set_aside", {"kept": "derived/set_aside/../../x"}, "kept"),
+    "more": (3, "set_aside", {"more": 1}, "unknown key 'more'"),
+    "unknown to version 2": (2, "set_aside", {}, None),
+    "upgrade": (2, "upgraded", UPGRADE, None),
+    "upgrade of version 3": (3, "upgraded", UPGRADE, "it has version 3"),
+    "beyond": (2, "upgraded", {**UPGRADE, "to_version": 4}, "to_version"),
+}
+
+
+@pytest.mark.parametrize(("version", "name", "changed", "said"), EVENTS.values(), ids=EVENTS)
 def test_events_that_change_what_counts_are_checked(
     rig: Rig,
     bench: Bench,

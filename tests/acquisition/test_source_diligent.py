@@ -83,69 +83,49 @@ def put(folder: Path, name: str, text: str) -> None:
     (folder / name).write_text(text)
 
 
-@pytest.mark.parametrize(
-    ("damage", "match"),
-    [
-        pytest.param(
-            lambda f: (f / "001.png").unlink(),
-            r"filenames\.txt: lists 001\.png, which does not exist",
-            id="image missing",
-        ),
-        pytest.param(
-            lambda f: put(f, "filenames.txt", "003.png\n001.png\n"),
-            r"3 lights, but filenames\.txt in the same folder has 2",
-            id="images for more lights",
-        ),
-        pytest.param(
-            lambda f: put(f, "filenames.txt", "\n"), r"filenames\.txt: an empty", id="no names"
-        ),
-        pytest.param(
-            lambda f: put(f, "filenames.txt", "001.png\n001.png\n"), "listed twice", id="twice"
-        ),
-        pytest.param(
-            lambda f: (f / "filenames.txt").unlink(), r"no filenames\.txt", id="names missing"
-        ),
-        pytest.param(
-            lambda f: put(f, "light_directions.txt", "0 0 1\n0 0 0\n0 0 1\n"),
-            r"light_directions\.txt line 2: a zero vector",
-            id="zero vector",
-        ),
-        pytest.param(
-            lambda f: write_png(f / "mask.png", np.full((6, 4), 255, np.uint8)),
-            r"mask\.png: a mask of 4 x 6",
-            id="mask size",
-        ),
-        pytest.param(
-            lambda f: write_png(f / "010.png", np.zeros((5, 6, 3), np.uint16)),
-            r"010\.png: 6 x 5 .* 003\.png",
-            id="image size",
-        ),
-        pytest.param(
-            lambda f: savemat(f / "Normal_gt.mat", {"Normal_gt": NORMALS[:, :5]}),
-            r"Normal_gt\.mat: normals of shape \(4, 5, 3\)",
-            id="truth size",
-        ),
-        pytest.param(
-            lambda f: savemat(f / "Normal_gt.mat", {"N": NORMALS}),
-            "no variable Normal_gt",
-            id="truth missing",
-        ),
-        pytest.param(
-            lambda f: savemat(f / "Normal_gt.mat", {"Normal_gt": "text"}), "Normal_gt", id="text"
-        ),
-        pytest.param(
-            lambda f: put(f, "Normal_gt.mat", "hello"), "no variable Normal_gt", id="no mat file"
-        ),
-        pytest.param(
-            lambda f: put(f, "Normal_gt.mat", ""), "no variable Normal_gt", id="empty mat file"
-        ),
-        pytest.param(
-            lambda f: (f / "Normal_gt.mat").write_bytes((f / "Normal_gt.mat").read_bytes()[:300]),
-            "no variable Normal_gt",
-            id="mat cut short",
-        ),
-    ],
-)
+DAMAGED_FOLDERS = {
+    "image missing": (
+        lambda f: (f / "001.png").unlink(),
+        r"filenames\.txt: lists 001\.png, which does not exist",
+    ),
+    "images for more lights": (
+        lambda f: put(f, "filenames.txt", "003.png\n001.png\n"),
+        r"3 lights, but filenames\.txt in the same folder has 2",
+    ),
+    "no names": (lambda f: put(f, "filenames.txt", "\n"), r"filenames\.txt: an empty"),
+    "twice": (lambda f: put(f, "filenames.txt", "001.png\n001.png\n"), "listed twice"),
+    "names missing": (lambda f: (f / "filenames.txt").unlink(), r"no filenames\.txt"),
+    "zero vector": (
+        lambda f: put(f, "light_directions.txt", "0 0 1\n0 0 0\n0 0 1\n"),
+        r"light_directions\.txt line 2: a zero vector",
+    ),
+    "mask size": (
+        lambda f: write_png(f / "mask.png", np.full((6, 4), 255, np.uint8)),
+        r"mask\.png: a mask of 4 x 6",
+    ),
+    "image size": (
+        lambda f: write_png(f / "010.png", np.zeros((5, 6, 3), np.uint16)),
+        r"010\.png: 6 x 5 .* 003\.png",
+    ),
+    "truth size": (
+        lambda f: savemat(f / "Normal_gt.mat", {"Normal_gt": NORMALS[:, :5]}),
+        r"Normal_gt\.mat: normals of shape \(4, 5, 3\)",
+    ),
+    "truth missing": (
+        lambda f: savemat(f / "Normal_gt.mat", {"N": NORMALS}),
+        "no variable Normal_gt",
+    ),
+    "text": (lambda f: savemat(f / "Normal_gt.mat", {"Normal_gt": "text"}), "Normal_gt"),
+    "no mat file": (lambda f: put(f, "Normal_gt.mat", "hello"), "no variable Normal_gt"),
+    "empty mat file": (lambda f: put(f, "Normal_gt.mat", ""), "no variable Normal_gt"),
+    "mat cut short": (
+        lambda f: (f / "Normal_gt.mat").write_bytes((f / "Normal_gt.mat").read_bytes()[:300]),
+        "no variable Normal_gt",
+    ),
+}
+
+
+@pytest.mark.parametrize(("damage", "match"), DAMAGED_FOLDERS.values(), ids=DAMAGED_FOLDERS)
 def test_damaged_folders_are_refused_by_name(folder: Path, damage: object, match: str) -> None:
     damage(folder)  # type: ignore[operator]
     with pytest.raises(DataError, match=match) as caught:

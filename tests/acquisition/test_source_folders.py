@@ -124,24 +124,33 @@ def test_two_series_of_equal_length_are_refused(tmp_path: Path, names: list[str]
         numbered_series(sorted(tmp_path.iterdir()))
 
 
-def test_images_of_different_sizes_name_both(tmp_path: Path) -> None:
-    folder = fill(tmp_path, "a.0.png", "a.1.png")
-    write_png(folder / "a.2.png", image(0, (4, 7)))
-    with pytest.raises(DataError, match=r"a\.2\.png: 7 x 4 RGB uint16, but a\.0\.png is 6 x 4"):
-        read_source(folder)
+LIKE_NO_OTHER = r"a\.2\.png.*a\.0\.png"
+OF_ANOTHER_SIZE = r"a\.2\.png: 7 x 4 RGB uint16, but a\.0\.png is 6 x 4"
+OUTSIDE = r"mask\.png: a mask with nothing inside"
 
 
-@pytest.mark.parametrize(
-    "other",
-    [
-        pytest.param(np.zeros((4, 6), np.uint16), id="grey among RGB"),
-        pytest.param(np.zeros((4, 6, 3), np.uint8), id="8 bit among 16"),
-    ],
-)
-def test_images_of_different_kinds_are_refused(tmp_path: Path, other: np.ndarray) -> None:
+MISFITS = {
+    "size": ("a.2.png", image(0, (4, 7)), OF_ANOTHER_SIZE),
+    "grey among RGB": ("a.2.png", np.zeros((4, 6), np.uint16), LIKE_NO_OTHER),
+    "8 bit among 16": ("a.2.png", np.zeros((4, 6, 3), np.uint8), LIKE_NO_OTHER),
+    "empty mask": ("mask.png", np.full((4, 6), 0, np.uint8), OUTSIDE),
+    "mask of ones": ("mask.png", np.full((4, 6), 1, np.uint8), OUTSIDE),
+    "mask below half": ("mask.png", np.full((4, 6), 127, np.uint8), OUTSIDE),
+    "mask of another size": (
+        "mask.png",
+        np.full((6, 4), 255, np.uint8),
+        r"mask\.png: a mask of 4 x 6 .* images have 6 x 4",
+    ),
+}
+
+
+@pytest.mark.parametrize(("name", "pixels", "said"), MISFITS.values(), ids=MISFITS)
+def test_images_and_masks_that_do_not_fit(
+    tmp_path: Path, name: str, pixels: np.ndarray, said: str
+) -> None:
     folder = fill(tmp_path, "a.0.png", "a.1.png")
-    write_png(folder / "a.2.png", other)
-    with pytest.raises(DataError, match=r"a\.2\.png.*a\.0\.png"):
+    write_png(folder / name, pixels)
+    with pytest.raises(DataError, match=said):
         read_source(folder)
 
 
@@ -285,21 +294,6 @@ def test_different_numbers_of_lights_and_images_are_refused(tmp_path: Path) -> N
     with pytest.raises(DataError, match="35 images for 36 lights") as caught:
         read_source(folder, lights=cone(36))
     assert str(folder) in str(caught.value)
-
-
-@pytest.mark.parametrize("inside", [np.uint8(0), np.uint8(1), np.uint8(127)])
-def test_a_mask_with_nothing_inside(tmp_path: Path, inside: np.uint8) -> None:
-    folder = fill(tmp_path, "a.0.png")
-    write_png(folder / "mask.png", np.full((4, 6), inside))
-    with pytest.raises(DataError, match=r"mask\.png: a mask with nothing inside"):
-        read_source(folder)
-
-
-def test_a_mask_of_another_size(tmp_path: Path) -> None:
-    folder = fill(tmp_path, "a.0.png")
-    write_png(folder / "mask.png", np.full((6, 4), 255, np.uint8))
-    with pytest.raises(DataError, match=r"mask\.png: a mask of 4 x 6 .* images have 6 x 4"):
-        read_source(folder)
 
 
 def test_a_mask_from_the_caller_takes_precedence(tmp_path: Path) -> None:

@@ -40,35 +40,27 @@ def with_lights_of(source: Source, setup: Setup | None) -> Source:
     return replace(source, lights=replace(source.lights, calibrated=calibrated))
 
 
-@pytest.mark.parametrize(
-    ("setup", "codes", "words"),
-    [
-        pytest.param(None, [], "", id="not recorded"),
-        pytest.param(Setup(), [], "", id="nothing known"),
-        pytest.param(HERE, [], "", id="the same"),
-        pytest.param(replace(HERE, rig="arc"), [RIG], "on the rig arc, the", id="rig"),
-        pytest.param(replace(HERE, rig=""), [], "", id="rig not known"),
-        pytest.param(replace(HERE, camera_model="M3"), [CAMERA], "model M3, now M2", id="model"),
-        pytest.param(replace(HERE, camera_serial="8"), [CAMERA], "number 8, now 77", id="serial"),
-        pytest.param(replace(HERE, camera_serial=""), [], "", id="serial not known"),
-        pytest.param(replace(HERE, camera_vendor="maker"), [], "", id="vendor in other letters"),
-        pytest.param(replace(HERE, intrinsics=lens(160.3)), [], "", id="calibrated again"),
-        pytest.param(replace(HERE, intrinsics=lens(scale=2)), [], "", id="all pixels"),
-        pytest.param(
-            replace(HERE, intrinsics=lens(158)), [CAMERA], "focal length 158 px at 80", id="focal"
-        ),
-        pytest.param(
-            replace(HERE, intrinsics=lens(k1=0.2)), [CAMERA], "rays that differ by", id="distortion"
-        ),
-        pytest.param(
-            replace(HERE, intrinsics=lens(far=590)), [CAMERA], "distance 590 mm, now", id="distance"
-        ),
-        pytest.param(replace(HERE, intrinsics=lens(far=None)), [], "", id="distance not known"),
-        pytest.param(
-            Setup("arc", "Maker", "M3", "8", lens(150)), [RIG, CAMERA], "focal", id="everything"
-        ),
-    ],
-)
+SETUPS = {
+    "not recorded": (None, [], ""),
+    "nothing known": (Setup(), [], ""),
+    "the same": (HERE, [], ""),
+    "rig": (replace(HERE, rig="arc"), [RIG], "on the rig arc, the"),
+    "rig not known": (replace(HERE, rig=""), [], ""),
+    "model": (replace(HERE, camera_model="M3"), [CAMERA], "model M3, now M2"),
+    "serial": (replace(HERE, camera_serial="8"), [CAMERA], "number 8, now 77"),
+    "serial not known": (replace(HERE, camera_serial=""), [], ""),
+    "vendor in other letters": (replace(HERE, camera_vendor="maker"), [], ""),
+    "calibrated again": (replace(HERE, intrinsics=lens(160.3)), [], ""),
+    "all pixels": (replace(HERE, intrinsics=lens(scale=2)), [], ""),
+    "focal": (replace(HERE, intrinsics=lens(158)), [CAMERA], "focal length 158 px at 80"),
+    "distortion": (replace(HERE, intrinsics=lens(k1=0.2)), [CAMERA], "rays that differ by"),
+    "distance": (replace(HERE, intrinsics=lens(far=590)), [CAMERA], "distance 590 mm, now"),
+    "distance not known": (replace(HERE, intrinsics=lens(far=None)), [], ""),
+    "everything": (Setup("arc", "Maker", "M3", "8", lens(150)), [RIG, CAMERA], "focal"),
+}
+
+
+@pytest.mark.parametrize(("setup", "codes", "words"), SETUPS.values(), ids=SETUPS)
 def test_lights_of_another_setup(
     source: Source, setup: Setup | None, codes: list[str], words: str
 ) -> None:

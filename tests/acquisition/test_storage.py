@@ -3,7 +3,7 @@ from __future__ import annotations
 import errno
 import os
 import stat
-from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from acquisition import (
-    CapturePlan,
     DataError,
     Lights,
     Session,
@@ -29,28 +28,14 @@ from acquisition.files import part_files as _part_files
 from acquisition.files import storage as _storage
 from acquisition.imports import read_import
 from acquisition.pixels import read_raw
-from acquisition.session import CameraRecord, Manifest, SessionWriter, SoftwareRecord
+from acquisition.session import SessionWriter, SoftwareRecord
+from tests.acquisition import small_session
 
 PIXELS = np.arange(48, dtype=np.uint16).reshape(6, 8)
 CAPTION = Caption(
-    Manifest(
-        object="coin",
-        operator="Ada",
-        started_utc=datetime(2026, 1, 2, tzinfo=UTC),
-        software=SoftwareRecord(name="program", version="1"),
-        camera=CameraRecord(width=4, height=3, bit_depth=12),
-    )
+    small_session.manifest((3, 4), 12, software=SoftwareRecord(name="program", version="1"))
 )
-
-
-def manifest() -> Manifest:
-    return Manifest(
-        started_utc=datetime(2026, 1, 2, tzinfo=UTC),
-        operator="Ada",
-        object="coin",
-        plan=CapturePlan(leds=(0, 1), exposures_us=(100.0,)),
-        camera=CameraRecord(width=8, height=6, bit_depth=12),
-    )
+manifest = partial(small_session.manifest, (6, 8), 12, plan=small_session.PLAN)
 
 
 def test_a_session_is_recorded_without_fsync_of_folders(

@@ -54,56 +54,31 @@ def test_the_identity_of_another_firmware_is_accepted():
         board.close()
 
 
+WRONG_ANSWERS = {
+    "other LED": ("ON", ("8", "500"), lambda b: b.on(7, 500), "did ON LED 8 500 instead"),
+    "other hold": ("ON", ("7", "9"), lambda b: b.on(7, 500), "LED 7 9 instead"),
+    "no hold": ("ON", ("7",), lambda b: b.on(7, 500), "did ON LED 7 instead"),
+    "ON of nothing": ("ON", (), lambda b: b.on(7, 500), "did ON instead"),
+    "OFF of nothing": ("OFF", (), lambda b: b.off(), "is invalid"),
+    "OFF of x": ("OFF", ("x",), lambda b: b.off(), "is invalid"),
+    "level": ("LEVEL", ("7", "1"), lambda b: b.level(7, 2), "LED 7 1 instead"),
+    "other flash": ("FLASH", ("8", "-", "9", "-"), lambda b: b.flash(7, 0, 9), "LED 8 - 9 -"),
+    "flash cut": ("FLASH", ("7", "-", "9"), lambda b: b.flash(7, 0, 9), "is invalid"),
+    "flash active": ("FLASH", ("7", "-", "9", "+"), lambda b: b.flash(7, 0, 9), "is invalid"),
+    "other step": (
+        "STEP",
+        ("0", "7", "1", "20", "3"),
+        lambda b: b.load([Step(7, 1, 10, 3)]),
+        "did STEP 0 LED 7 1 20 3 instead of STEP 0 LED 7 1 10 3",
+    ),
+    "other count": ("RUN", ("2",), lambda b: b.run(1), "RUN 2 instead of RUN 1 T"),
+    "other did": ("DID", ("1", "7", "0", "9", "-"), lambda b: b.step_report(0), "DID 1 LED 7"),
+    "did cut": ("DID", ("0", "7", "0", "9"), lambda b: b.step_report(0), "is invalid"),
+}
+
+
 @pytest.mark.parametrize(
-    ("verb", "outcome", "act", "said"),
-    [
-        pytest.param(
-            "ON", ("8", "500"), lambda b: b.on(7, 500), "did ON LED 8 500 instead", id="other LED"
-        ),
-        pytest.param("ON", ("7", "9"), lambda b: b.on(7, 500), "LED 7 9 instead", id="other hold"),
-        pytest.param("ON", ("7",), lambda b: b.on(7, 500), "did ON LED 7 instead", id="no hold"),
-        pytest.param("ON", (), lambda b: b.on(7, 500), "did ON instead", id="ON of nothing"),
-        pytest.param("OFF", (), lambda b: b.off(), "is invalid", id="OFF of nothing"),
-        pytest.param("OFF", ("x",), lambda b: b.off(), "is invalid", id="OFF of x"),
-        pytest.param("LEVEL", ("7", "1"), lambda b: b.level(7, 2), "LED 7 1 instead", id="level"),
-        pytest.param(
-            "FLASH",
-            ("8", "-", "9", "-"),
-            lambda b: b.flash(7, 0, 9),
-            "LED 8 - 9 -",
-            id="other flash",
-        ),
-        pytest.param(
-            "FLASH", ("7", "-", "9"), lambda b: b.flash(7, 0, 9), "is invalid", id="flash cut"
-        ),
-        pytest.param(
-            "FLASH",
-            ("7", "-", "9", "+"),
-            lambda b: b.flash(7, 0, 9),
-            "is invalid",
-            id="flash active",
-        ),
-        pytest.param(
-            "STEP",
-            ("0", "7", "1", "20", "3"),
-            lambda b: b.load([Step(7, 1, 10, 3)]),
-            "did STEP 0 LED 7 1 20 3 instead of STEP 0 LED 7 1 10 3",
-            id="other step",
-        ),
-        pytest.param(
-            "RUN", ("2",), lambda b: b.run(1), "RUN 2 instead of RUN 1 T", id="other count"
-        ),
-        pytest.param(
-            "DID",
-            ("1", "7", "0", "9", "-"),
-            lambda b: b.step_report(0),
-            "DID 1 LED 7",
-            id="other did",
-        ),
-        pytest.param(
-            "DID", ("0", "7", "0", "9"), lambda b: b.step_report(0), "is invalid", id="did cut"
-        ),
-    ],
+    ("verb", "outcome", "act", "said"), WRONG_ANSWERS.values(), ids=WRONG_ANSWERS
 )
 def test_wrong_answers_are_refused(verb, outcome, act, said):
     with device(saying(*IDENTITY, **{verb: outcome})) as port:

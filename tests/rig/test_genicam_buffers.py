@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from rig import CameraError, FrameLostError
 from rig.genicam.acquisition import Collector, StreamCounts
-from rig.genicam.buffers import LEAST, Buffering, buffering, with_copies
+from rig.genicam.buffers import LEAST, Buffering
 from tests.rig.camera_benches import EXPOSURE_US, SIZE, GenICamBench, grey
 
 MB = 10**6
@@ -84,14 +84,14 @@ def wait_until(happened, timeout_s=10.0):
     ],
 )
 def test_the_room_depends_on_memory(frames, payload, limit, room):
-    assert buffering(frames, payload, limit) == room
+    assert Buffering.within(limit, frames, payload) == room
 
 
 @given(st.integers(1, 48), st.integers(1, 10**9), st.integers(1, 10**11), st.integers(1, 300))
 def test_the_room_is_bounded_and_never_zero(frames, payload, limit, taken):
     for room in (
-        buffering(frames, payload, limit),
-        with_copies(min(taken, LEAST), frames, limit // payload),
+        Buffering.within(limit, frames, payload),
+        Buffering.with_copies(min(taken, LEAST), frames, limit // payload),
     ):
         assert room.buffers >= 1
         together = room.buffers + room.copies

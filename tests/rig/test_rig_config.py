@@ -60,28 +60,22 @@ def test_defaults_of_a_short_rig_file(tmp_path: Path):
     assert (config.led_positions_mm, config.led_positions_sigma_mm) == ((), 10.0)
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        pytest.param(WHOLE.replace("leds", "leads"), "unknown key 'leads'; known are", id="key"),
-        pytest.param(
-            WHOLE.replace("24", "0"), "'leds': .* greater than or equal to 1", id="no LED"
-        ),
-        pytest.param(WHOLE.replace("24", '"x"'), "'leds': .* valid integer", id="type"),
-        pytest.param(WHOLE.replace("3.5", "nan"), "'settle_ms': .* finite", id="NaN"),
-        pytest.param(WHOLE.replace("9]", "24]"), "dead LED 24 is not one of 0 to 23", id="dead"),
-        pytest.param(
-            WHOLE.replace("[0.0, -5.0, 300.25], ", ""), "has 23 positions for 24", id="positions"
-        ),
-        pytest.param(WHOLE.replace('"board"', '"line"'), "'trigger'", id="trigger"),
-        pytest.param(WHOLE.replace("270", "45"), r"'mounting.rotation_deg'", id="rotation"),
-        pytest.param(
-            WHOLE.replace("mirror", "mirrored"), "unknown key 'mounting.mirrored'", id="mirror"
-        ),
-        pytest.param(WHOLE.replace('driver = "bench"', ""), "'driver' is missing", id="missing"),
-        pytest.param("name = ", "is not TOML", id="not TOML"),
-    ],
-)
+BAD_FILES = {
+    "key": (WHOLE.replace("leds", "leads"), "unknown key 'leads'; known are"),
+    "no LED": (WHOLE.replace("24", "0"), "'leds': .* greater than or equal to 1"),
+    "type": (WHOLE.replace("24", '"x"'), "'leds': .* valid integer"),
+    "NaN": (WHOLE.replace("3.5", "nan"), "'settle_ms': .* finite"),
+    "dead": (WHOLE.replace("9]", "24]"), "dead LED 24 is not one of 0 to 23"),
+    "positions": (WHOLE.replace("[0.0, -5.0, 300.25], ", ""), "has 23 positions for 24"),
+    "trigger": (WHOLE.replace('"board"', '"line"'), "'trigger'"),
+    "rotation": (WHOLE.replace("270", "45"), r"'mounting.rotation_deg'"),
+    "mirror": (WHOLE.replace("mirror", "mirrored"), "unknown key 'mounting.mirrored'"),
+    "missing": (WHOLE.replace('driver = "bench"', ""), "'driver' is missing"),
+    "not TOML": ("name = ", "is not TOML"),
+}
+
+
+@pytest.mark.parametrize(("text", "said"), BAD_FILES.values(), ids=BAD_FILES)
 def test_a_bad_rig_file_gets_one_line(tmp_path: Path, text, said):
     path = tmp_path / "rig.toml"
     path.write_text(text)

@@ -7,22 +7,18 @@ import pytest
 from rig import CameraError, CameraGoneError, RigError
 from rig._errors import close_after
 
+NOTES = {
+    "something else": (
+        CameraError("no frame"),
+        CameraError("no end of acquisition"),
+        ["on closing: no end of acquisition"],
+    ),
+    "gone, as before": (CameraGoneError("gone"), CameraGoneError("gone"), []),
+    "gone by now": (RigError("no LED"), CameraGoneError("gone"), ["on closing: gone"]),
+}
 
-@pytest.mark.parametrize(
-    ("error", "failure", "notes"),
-    [
-        pytest.param(
-            CameraError("no frame"),
-            CameraError("no end of acquisition"),
-            ["on closing: no end of acquisition"],
-            id="something else",
-        ),
-        pytest.param(CameraGoneError("gone"), CameraGoneError("gone"), [], id="gone, as before"),
-        pytest.param(
-            RigError("no LED"), CameraGoneError("gone"), ["on closing: gone"], id="gone by now"
-        ),
-    ],
-)
+
+@pytest.mark.parametrize(("error", "failure", "notes"), NOTES.values(), ids=NOTES)
 def test_notes_of_a_failure_while_closing(
     error: RigError, failure: RigError, notes: list[str]
 ) -> None:

@@ -183,26 +183,23 @@ def frame_at(time_us, frame_id=0):
     )
 
 
-@pytest.mark.parametrize(
-    ("times_us", "since_us", "said"),
-    [
-        pytest.param([0, 50_000], [50_000], "", id="correct"),
-        pytest.param([0, 50_250], [50_000], "", id="a slow clock"),
-        pytest.param([0, 51_000], [50_000], "50000 us apart", id="exposed later"),
-        pytest.param([0, 49_000], [50_000], "something else triggered", id="exposed sooner"),
-        pytest.param([0, 0], [50_000], "check the trigger wire", id="the same again"),
-        pytest.param([0, 50_000], [None], "the board has restarted", id="another board"),
-        pytest.param(
-            [k * 50_250 for k in range(30)], [50_000] * 29, "", id="a slow clock for long"
-        ),
-        pytest.param(
-            [*(k * 50_250 for k in range(29)), 28 * 50_250 + 49_800],
-            [50_000] * 29,
-            "something else",
-            id="strict, because the rate is well known",
-        ),
-    ],
-)
+FLASHES = {
+    "correct": ([0, 50_000], [50_000], ""),
+    "a slow clock": ([0, 50_250], [50_000], ""),
+    "exposed later": ([0, 51_000], [50_000], "50000 us apart"),
+    "exposed sooner": ([0, 49_000], [50_000], "something else triggered"),
+    "the same again": ([0, 0], [50_000], "check the trigger wire"),
+    "another board": ([0, 50_000], [None], "the board has restarted"),
+    "a slow clock for long": ([k * 50_250 for k in range(30)], [50_000] * 29, ""),
+    "strict, because the rate is well known": (
+        [*(k * 50_250 for k in range(29)), 28 * 50_250 + 49_800],
+        [50_000] * 29,
+        "something else",
+    ),
+}
+
+
+@pytest.mark.parametrize(("times_us", "since_us", "said"), FLASHES.values(), ids=FLASHES)
 def test_flashes_are_compared_on_both_clocks(times_us, since_us, said):
     chain, exposure = FlashChain("c"), ShotTimes(2000, 5000.0, 45_000.0, 50_000.0)
     chain.begin(frame_at(times_us[0]))

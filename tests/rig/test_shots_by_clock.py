@@ -409,30 +409,29 @@ def test_the_report_of_a_step_is_awaited_for_a_second(devices: Devices, late_s: 
     assert 1.0 <= round(waited_s, 6) <= 1.002
 
 
-@pytest.mark.parametrize(
-    ("failure", "state", "said"),
-    [
-        pytest.param(
-            FrameTimeoutError("late"),
-            SimpleNamespace(state="HALT", done=1),
+FAILURES = {
+    "lost": (
+        FrameTimeoutError("late"),
+        SimpleNamespace(state="HALT", done=1),
+        (
             r"^late; it is step 1 of a sequence, with no LED; the board stopped by itself, .* "
-            r"missing, after 1 step: check the wire",
-            id="lost",
+            r"missing, after 1 step: check the wire"
         ),
-        pytest.param(
-            FrameTimeoutError("late", UNDERRUN),
-            SimpleNamespace(state="IDLE", done=2),
-            r"^late; it is step 1 [^:]*; the board is IDLE after 2 steps$",
-            id="computer too slow",
-        ),
-        pytest.param(
-            CameraError("bad"),
-            BoardError("gone"),
-            r"^bad; it is step 1 .* with no LED, and the board does not answer \(gone\): check",
-            id="camera and board",
-        ),
-    ],
-)
+    ),
+    "computer too slow": (
+        FrameTimeoutError("late", UNDERRUN),
+        SimpleNamespace(state="IDLE", done=2),
+        r"^late; it is step 1 [^:]*; the board is IDLE after 2 steps$",
+    ),
+    "camera and board": (
+        CameraError("bad"),
+        BoardError("gone"),
+        r"^bad; it is step 1 .* with no LED, and the board does not answer \(gone\): check",
+    ),
+}
+
+
+@pytest.mark.parametrize(("failure", "state", "said"), FAILURES.values(), ids=FAILURES)
 def test_a_failing_camera_is_reported_with_its_step(
     devices: Devices, failure: CameraError, state: Any, said: str
 ) -> None:

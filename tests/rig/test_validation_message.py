@@ -23,61 +23,56 @@ class Lamp(BaseModel):
         return self
 
 
-@pytest.mark.parametrize(
-    ("values", "said"),
-    [
-        pytest.param(
-            {"led": 1, "x": 2},
-            "unknown option 'x'; known are led, shade, spare, watts",
-            id="unknown",
-        ),
-        pytest.param(
-            {"led": 1, "shade": {"led": 2, "x": 2}}, "unknown option 'shade.x'", id="unknown below"
-        ),
-        pytest.param({}, "the option 'led' is missing", id="missing"),
-        pytest.param(
-            {"led": "tall"},
+MESSAGES = {
+    "unknown": ({"led": 1, "x": 2}, "unknown option 'x'; known are led, shade, spare, watts"),
+    "unknown below": ({"led": 1, "shade": {"led": 2, "x": 2}}, "unknown option 'shade.x'"),
+    "missing": ({}, "the option 'led' is missing"),
+    "value": (
+        {"led": "tall"},
+        (
             "option 'led': Input should be a valid integer, unable to parse string as an integer, "
-            "not 'tall'",
-            id="value",
+            "not 'tall'"
         ),
-        pytest.param(
-            {"led": 1, "spare": [0, 0.5]},
+    ),
+    "nested": (
+        {"led": 1, "spare": [0, 0.5]},
+        (
             "option 'spare.1': Input should be a valid integer, got a number with a fractional "
-            "part, not 0.5",
-            id="nested",
+            "part, not 0.5"
         ),
-        pytest.param(
-            {"led": 1, "watts": [0]},
-            "option 'watts.0': Input should be greater than 0, not 0",
-            id="an invalid item, without which the list is too short",
-        ),
-        pytest.param(
-            {"led": 1, "watts": []},
-            "option 'watts': Tuple should have at least 1 item after validation, not 0",
-            id="a list that is too short",
-        ),
-        pytest.param(
-            {"led": "x" * 99},
-            "option 'led': Input should be a valid integer, unable to parse string as an integer",
-            id="long value",
-        ),
-        pytest.param({"led": 1, "spare": (1,)}, "a lamp is its own spare", id="the model itself"),
-        pytest.param(
-            {"x": 1, "y": 2},
+    ),
+    "an invalid item, without which the list is too short": (
+        {"led": 1, "watts": [0]},
+        "option 'watts.0': Input should be greater than 0, not 0",
+    ),
+    "a list that is too short": (
+        {"led": 1, "watts": []},
+        "option 'watts': Tuple should have at least 1 item after validation, not 0",
+    ),
+    "long value": (
+        {"led": "x" * 99},
+        "option 'led': Input should be a valid integer, unable to parse string as an integer",
+    ),
+    "the model itself": ({"led": 1, "spare": (1,)}, "a lamp is its own spare"),
+    "several complaints, the unknown names first": (
+        {"x": 1, "y": 2},
+        (
             "unknown option 'x'; known are led, shade, spare, watts; unknown option 'y'; "
-            "the option 'led' is missing",
-            id="several complaints, the unknown names first",
+            "the option 'led' is missing"
         ),
-        pytest.param(
-            {"led": 1, "watts": [0, 1, 0, 0, 0, 0]},
+    ),
+    "three at most": (
+        {"led": 1, "watts": [0, 1, 0, 0, 0, 0]},
+        (
             "option 'watts.0': Input should be greater than 0, not 0; "
             "option 'watts.2': Input should be greater than 0, not 0; "
-            "option 'watts.3': Input should be greater than 0, not 0 (and 2 more)",
-            id="three at most",
+            "option 'watts.3': Input should be greater than 0, not 0 (and 2 more)"
         ),
-    ],
-)
+    ),
+}
+
+
+@pytest.mark.parametrize(("values", "said"), MESSAGES.values(), ids=MESSAGES)
 def test_validation_message(values, said):
     with pytest.raises(ValidationError) as caught:
         Lamp.model_validate(values)
