@@ -115,11 +115,6 @@ def flowing(text: str) -> str:
     return re.sub(r"(?<=\S)\n(?=\S)", " ", text)
 
 
-def page(text: str, *examples: str) -> str:
-    """Return the text of a help page with examples, in the form of a command's docstring."""
-    return "\n".join([text, "", "For example:", "", *(f"    {line}" for line in examples)])
-
-
 def usage_complaint(error: CycloptsError, program: str) -> str:
     """Return one line that says what is wrong with a command line and names the help page.
 

@@ -1,4 +1,11 @@
-"""``sgp calibrate spheres``: directions or positions of the lights."""
+"""Calibrate lights, camera, sensor and flat field; compare calibrations of lights.
+
+For example:
+
+    sgp calibrate spheres chrome/ --out lights.json
+    sgp calibrate sensor card/ --out sensor
+    sgp calibrate check before.json after.json --limit-mm 3
+"""
 
 from __future__ import annotations
 

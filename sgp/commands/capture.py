@@ -1,4 +1,11 @@
-"""``capture run`` and ``capture resume``: record sessions."""
+"""Record, check, import and export sessions.
+
+For example:
+
+    capture plan plan.toml --rig bench.toml
+    capture run recordings/owl --rig bench.toml --plan plan.toml
+    capture verify recordings/owl
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,10 @@
-"""``sgp rig``: check and operate the board and the camera."""
+"""Check and operate a rig: LED board and camera.
+
+For example:
+
+    sgp rig list
+    sgp rig check --rig bench.toml
+"""
 
 from __future__ import annotations
 
