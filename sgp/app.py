@@ -227,7 +227,7 @@ def _take_common_options(app: App) -> None:
         if getattr(command, "__module__", "").startswith("sgp.commands."):
             from sgp.cli.entry import begin_work
             from sgp.cli.options import require_inputs
-            from sgp.results.own_files import own_files_named
+            from sgp.results.hashes import own_files_named
 
             begin_work()
             require_inputs(command, bound.arguments)

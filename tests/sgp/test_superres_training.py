@@ -58,8 +58,7 @@ def tiny(monkeypatch):
 def test_opencv_computes_what_torch_computes(scale, upsampling):
     import torch
 
-    from sgp.training.onnx_layers import onnx_bytes
-    from sgp.training.torch_layers import first_weights, forward
+    from sgp.training.rdn import first_weights, forward, onnx_bytes
 
     size = RdnSize(scale, 2, 3, 24, 20, upsampling)
     random = torch.Generator().manual_seed(4)
@@ -80,7 +79,7 @@ def test_opencv_computes_what_torch_computes(scale, upsampling):
 def test_an_untrained_network_is_bicubic_interpolation():
     import torch
 
-    from sgp.training.torch_layers import first_weights, forward
+    from sgp.training.rdn import first_weights, forward
 
     for scale in (2, 4):
         size = PRESETS["small"].size(scale)
@@ -93,7 +92,7 @@ def test_an_untrained_network_is_bicubic_interpolation():
 def test_weights_have_an_effect_as_far_as_the_halo():
     import torch
 
-    from sgp.training.torch_layers import first_weights, forward
+    from sgp.training.rdn import first_weights, forward
 
     for upsampling in ("direct", "convolved"):
         size = RdnSize(2, 1, 2, 8, 8, upsampling)
