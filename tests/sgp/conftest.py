@@ -1,5 +1,7 @@
 """A small recording, and a fixture that runs commands as from the command line."""
 
+from __future__ import annotations
+
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -24,6 +26,11 @@ class Answer(NamedTuple):
     code: int
     out: str
     err: str
+
+    def ok(self) -> Answer:
+        """Assert that the command succeeded, and return its answer."""
+        assert self.code == 0, self
+        return self
 
     def error_line(self, code: int) -> str:
         """Assert that stderr is a single error line, and return it."""

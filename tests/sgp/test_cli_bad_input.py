@@ -211,8 +211,7 @@ def test_matching_lights_to_images_by_order_is_reported(sgp, recording):
     answer = sgp(
         "normals", recording, "--lights", recording.parent / "lights.json",
         "--out", recording.parent / "out",
-    )  # fmt: skip
-    assert answer.code == 0
+    ).ok()  # fmt: skip
     assert "by order" in answer.err
 
 

@@ -88,8 +88,7 @@ def test_a_batch_does_what_is_missing(here, sgp, two, recipe, tmp_path) -> None:
     assert picture.shape == (160, 192, 3)
     assert np.ptp(picture[75:85, 94:98].astype(int), axis=(0, 1)).max() < 40  # flat in the middle
     (two[1] / "ball.3.png").write_bytes(kept)
-    answer = sgp(*words)
-    assert answer.code == 0
+    answer = sgp(*words).ok()
     assert json.loads(answer.out)["metrics"]["computed"] == 1
     assert "bright: computed again: failed before" in answer.err
     assert json.loads(sgp(*words).out)["metrics"]["computed"] == 0

@@ -75,8 +75,7 @@ def test_photographs_give_the_normals_of_the_ball(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "curve.csv").write_text(CURVE)
-    answer = sgp(command, "ball", "--lights", "lights.json", *option, "--out", "out")
-    assert answer.code == 0, answer.err
+    answer = sgp(command, "ball", "--lights", "lights.json", *option, "--out", "out").ok()
     line = "note: ball: the samples are read as sRGB (8-bit JPEG without colour metadata)"
     assert (line in answer.err.splitlines()) == (option in ([], ["--gamma", "auto"]))
     assert "only by" not in answer.err
@@ -96,8 +95,7 @@ def test_photographs_give_the_normals_of_the_ball(
 def test_a_wrong_curve_is_a_warning_with_both_figures(sgp, photographs, tmp_path) -> None:
     out = tmp_path / "out"
     words = ["normals", photographs, "--lights", tmp_path / "lights.json", "--gamma", "linear"]
-    answer = sgp(*words, "--out", out, "--json")
-    assert answer.code == 0, answer.err
+    answer = sgp(*words, "--out", out, "--json").ok()
     (notice,) = [n for n in json.loads(answer.out)["notices"] if "curve" in n["code"]]
     assert (notice["code"], notice["severity"]) == ("transfer-curve-doubtful", "warning")
     assert "read as linear (given), the images deviate" in notice["text"]
@@ -142,8 +140,9 @@ def test_a_file_that_is_not_a_curve(sgp, photographs, tmp_path) -> None:
 
 def test_an_imported_session_keeps_the_curve(sgp, photographs, tmp_path) -> None:
     session, lights = tmp_path / "session", tmp_path / "lights.json"
-    answer = sgp("capture", "import", photographs, "--lights", lights, "--out", session, "--json")
-    assert answer.code == 0, answer.err
+    answer = sgp(
+        "capture", "import", photographs, "--lights", lights, "--out", session, "--json"
+    ).ok()
     assert "transfer-curve" in [n["code"] for n in json.loads(answer.out)["notices"]]
     assert Session.open(session).transfer == SRGB
     assert sgp("normals", session, "--out", tmp_path / "a").code == 0
@@ -166,8 +165,7 @@ def test_spheres_record_the_curve(sgp, tmp_path) -> None:
         image = np.where(spot, 250, np.where(inside, 60, 10)).astype(np.uint8)
         cv2.imwrite(str(folder / f"c.{index}.jpg"), image, FINE)
     out = tmp_path / "lights.json"
-    answer = sgp("calibrate", "spheres", folder, "--sphere", "40,40,30", "--out", out)
-    assert answer.code == 0, answer.err
+    answer = sgp("calibrate", "spheres", folder, "--sphere", "40,40,30", "--out", out).ok()
     assert "the samples are read as sRGB" in answer.err
     parameters = record(out)["provenance"]["parameters"]
     assert (parameters["gamma"], parameters["transfer"]) == ("auto", {"kind": "srgb"})
@@ -211,8 +209,9 @@ def test_display_ready_photographs_of_buddha_agree_with_its_linear_images(
         ("wrong", images, ["--gamma", "linear"]),
     ):
         out = tmp_path / name
-        answer = sgp("normals", source, "--lights", uw_lights, *options, "--out", out, "--json")
-        assert answer.code == 0, answer.err
+        answer = sgp(
+            "normals", source, "--lights", uw_lights, *options, "--out", out, "--json"
+        ).ok()
         codes = [notice["code"] for notice in json.loads(answer.out)["notices"]]
         assert ("transfer-curve-doubtful" in codes) == (name == "wrong")
     truth = read_normals(tmp_path / "linear").normal_map

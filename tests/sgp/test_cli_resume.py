@@ -26,12 +26,10 @@ def test_an_led_that_dies_while_recording_is_listed_and_the_rest_completed(sgp, 
     missing = len(Session.open(out).missing)
     answer = sgp("capture", "resume", out, "--rig", rig, "--plan", planned, "--dry-run", "--json")
     assert json.loads(answer.out)["metrics"]["shots"] == missing - 1
-    answer = sgp("capture", "resume", out, "--rig", rig, "--plan", planned)
-    assert answer.code == 0, answer.err
+    answer = sgp("capture", "resume", out, "--rig", rig, "--plan", planned).ok()
     assert "LED 2 died: 1 shot skipped" in answer.err
     assert sorted(f.led for f in Session.open(out).frames if f.role == "light") == [0, 1, 3, 4, 5]
-    answer = sgp("capture", "verify", out)
-    assert answer.code == 0
+    answer = sgp("capture", "verify", out).ok()
     assert "1 planned frame was skipped because its LED died: L02_E0.tif" in answer.out
     assert "LED 2 died" in sgp("capture", "info", out).err
 
@@ -113,8 +111,7 @@ def test_ctrl_c_leaves_a_dark_rig_and_an_intact_incomplete_session(sgp, rig, pla
     assert [frame.line for frame in Session.open(out).frames][: len(before)] == before
     assert sgp("capture", "verify", out).code == 0
     journal = (out / "journal.jsonl").read_bytes()
-    answer = sgp("capture", "resume", out, "--rig", rig)
-    assert answer.code == 0
+    answer = sgp("capture", "resume", out, "--rig", rig).ok()
     assert "already complete: no shot is missing" in answer.err
     assert (out / "journal.jsonl").read_bytes() == journal
 
@@ -128,8 +125,7 @@ def test_a_torn_last_line_is_reported_on_resuming_and_its_frame_taken_again(
     (out / "COMPLETE").unlink()
     journal = (out / "journal.jsonl").read_bytes()
     (out / "journal.jsonl").write_bytes(journal[:-40])
-    answer = sgp("capture", "resume", out, "--rig", rig, "--skip-check")
-    assert answer.code == 0, answer.err
+    answer = sgp("capture", "resume", out, "--rig", rig, "--skip-check").ok()
     assert answer.err.count("writing the last line was interrupted") == 1
     assert "missing shots that have been taken: 1" in answer.err
     assert sgp("capture", "verify", out).code == 0

@@ -76,8 +76,7 @@ def test_normals_warn_about_lights_of_another_setup(sgp, spheres, lights, tmp_pa
         file["calibrated"][change[0]] = change[1]
     (tmp_path / "l.json").write_text(json.dumps(file))
     words = ("normals", spheres, "--lights", tmp_path / "l.json", "--out", tmp_path / "n")
-    answer = sgp(*words, "--method", "ls", "--downscale", 4, "--json")
-    assert answer.code == 0, answer.err
+    answer = sgp(*words, "--method", "ls", "--downscale", 4, "--json").ok()
     codes = [notice["code"] for notice in json.loads(answer.out)["notices"]]
     expected = [] if code is None else [code]
     assert [one for one in codes if one.startswith("lights-of-another")] == expected
@@ -89,8 +88,7 @@ def test_lights_that_contradict_the_configured_rig_file_are_named(
 ):
     monkeypatch.setenv("SGP_RIG", str(rig_file(tmp_path / "rig.toml", spheres, (2, 5))))
     words = ("calibrate", "spheres", spheres, "--radius-mm", 20, "--out", tmp_path / "l.json")
-    answer = sgp(*words)
-    assert answer.code == 0
+    answer = sgp(*words).ok()
     assert "note: rig simulated: LED 2 and 5 are swapped" in " ".join(answer.err.split())
 
 

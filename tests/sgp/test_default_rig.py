@@ -105,8 +105,7 @@ def test_the_refusal_imports_no_library(rig):
 
 def names(sgp, *words):
     """Return the rig that a command opened."""
-    answer = sgp("rig", "check", "--json", *words)
-    assert answer.code == 0, answer.err
+    answer = sgp("rig", "check", "--json", *words).ok()
     return json.loads(answer.out)["metrics"]["rig"]
 
 
@@ -231,8 +230,7 @@ def test_the_operator_is_configured_too(sgp, config, tmp_path, recording):
     (tmp_path / "rig.toml").write_text(RIG)
     config(f"operator = 'Ada'\nrig = '{tmp_path / 'rig.toml'}'\n")
     for name, words, operator in (("a", (), "Ada"), ("b", ("--operator", "Eve"), "Eve")):
-        answer = sgp("capture", "run", tmp_path / name, "--skip-check", *words)
-        assert answer.code == 0, answer.err
+        sgp("capture", "run", tmp_path / name, "--skip-check", *words).ok()
         assert Session.open(tmp_path / name).manifest.operator == operator
     # Photographs are from an unknown photographer.
     assert sgp("capture", "import", recording, "--out", tmp_path / "c").code == 0

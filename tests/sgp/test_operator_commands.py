@@ -106,8 +106,7 @@ def test_resuming_a_complete_session_changes_nothing(bench, sgp, monkeypatch):
     assert sgp(*words).code == 0
     before = state(bench)
     for more in ((), ("--plan", plan), ("--dry-run",), ("--skip-check",), ("--retake-damaged",)):
-        answer = sgp("capture", "resume", out, "--rig", rig, *more)
-        assert answer.code == 0, answer.err
+        answer = sgp("capture", "resume", out, "--rig", rig, *more).ok()
         assert "already complete" in answer.err
         assert "session   " in answer.out
         assert state(bench) == before

@@ -188,8 +188,7 @@ def test_the_likelihood_leads_to_the_mean_square_error():
 def test_the_command_writes_a_network_and_its_description(sgp, tmp_path: Path):
     out = tmp_path / "net.onnx"
     words = ("detail", "train", "--scale", 4, "--domain", "normals", "--steps", 6, "--out", out)
-    answer = sgp(*words, "--json")
-    assert answer.code == 0, answer.err
+    answer = sgp(*words, "--json").ok()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["net.json", "net.onnx"]
     about = json.loads(out.with_suffix(".json").read_text(encoding="utf-8"))
     assert about["sha256"] == hashlib.sha256(out.read_bytes()).hexdigest()
