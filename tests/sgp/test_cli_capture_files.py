@@ -51,8 +51,7 @@ def same(folder: Path, other: Path) -> None:
 
 
 def test_compacting_a_session(sgp, session, made):
-    answer = sgp("capture", "compact", session, "--json").ok()
-    metrics = json.loads(answer.out)["metrics"]
+    metrics = sgp("capture", "compact", session, "--json").figures()
     assert (metrics["frames"], metrics["compacted"], metrics["complete"]) == (7, 7, True)
     assert metrics["ratio"] > 1.3
     assert metrics["bytes_after"] == sum(f.stat().st_size for f in (session / "frames").iterdir())
@@ -116,9 +115,9 @@ def test_an_exr_stack_has_every_frame(sgp, session, tmp_path):
     assert len(list((tmp_path / "out").glob("*.exr"))) == 7
     stored = read_image(tmp_path / "out" / "L02_E0.exr")
     np.testing.assert_array_equal(stored, lit(session)[2].astype(np.float32))
-    back = sgp("capture", "import", tmp_path / "out", "--out", tmp_path / "back")
-    assert back.code == 4
-    assert "export the session as lp, diligent or alicevision" in back.err
+    assert "export the session as lp, diligent or alicevision" in sgp(
+        "capture", "import", tmp_path / "out", "--out", tmp_path / "back"
+    ).error_line(4)
     assert not (tmp_path / "back").exists()
 
 
@@ -127,9 +126,7 @@ def test_an_export_replaces_only_an_earlier_one_and_only_with_force(sgp, session
     words = ("capture", "export", session, "--out", out, "--lights", lights, "--format")
     assert sgp(*words, "lp").code == 0
     (out / "mine.txt").write_text("keep")
-    refused = sgp(*words, "diligent")
-    assert refused.code == 2
-    assert "--force" in refused.err
+    assert "--force" in sgp(*words, "diligent").error_line(2)
     assert (out / "lights.lp").exists()
     assert sgp(*words, "diligent", "--bracket", 7, "--force").code == 4
     assert (out / "lights.lp").exists(), "a failed command must not delete files"

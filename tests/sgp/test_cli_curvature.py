@@ -1,6 +1,5 @@
 """The command for curvature, on the normals of a ball."""
 
-import json
 
 import numpy as np
 import pytest
@@ -19,8 +18,7 @@ def ball(tmp_path):
 
 def test_a_ball(sgp, ball, tmp_path):
     out = tmp_path / "out"
-    answer = sgp("curvature", ball, "--pixel-mm", "0.1", "--out", out, "--json").ok()
-    metrics = json.loads(answer.out)["metrics"]
+    metrics = sgp("curvature", ball, "--pixel-mm", "0.1", "--out", out, "--json").figures()
     assert metrics["unit"] == "mm"
     assert metrics["pixels"] == 41 * 35
     assert metrics["scale"] == pytest.approx(0.2)

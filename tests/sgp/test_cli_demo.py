@@ -70,9 +70,7 @@ def test_a_second_demo_replaces_the_first_and_nothing_else(sgp, demo):
     before = (demo / "lights.json").read_bytes()
     edited = demo / "detail" / "edited.png"
     edited.write_bytes(b"an afternoon of retouching")
-    refused = sgp("demo", "--out", demo, "--seed", "8")
-    assert refused.code == 2
-    assert "detail" in refused.err
+    assert "detail" in sgp("demo", "--out", demo, "--seed", "8").error_line(2)
     assert edited.read_bytes() == b"an afternoon of retouching"
     edited.rename(demo / "edited.png")
     assert sgp("demo", "--out", demo, "--seed", "8").code == 0

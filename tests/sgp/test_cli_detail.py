@@ -187,11 +187,10 @@ def test_pixels_that_an_edited_detail_lost_are_reported(sgp, maps, erased):
     pixels = cv2.imread(str(maps / "parts" / "detail.png"), cv2.IMREAD_UNCHANGED)
     pixels[20:30, 30:40, 3 if erased == "alpha" else slice(3)] = 0
     cv2.imwrite(str(maps / "edited.png"), pixels)
-    answer = sgp(
+    report = sgp(
         *("detail", "combine", maps / "parts" / "shape.exr", maps / "edited.png"),
         *("--out", maps / "back", "--json"),
-    ).ok()
-    report = json.loads(answer.out)
+    ).report()
     assert report["metrics"]["pixels"] == ball().mask.sum() - 100
     lost = "edited.png: 100 pixels of the shape have no detail and are masked out"
     assert [line for line in report["warnings"] if line.endswith(lost)]
@@ -229,12 +228,10 @@ def test_alpha_is_reported_by_every_command_that_reads_maps(sgp, maps, command):
 @pytest.mark.parametrize("where", ["target", "target/below"])
 def test_results_never_go_into_one_of_several_targets(sgp, maps, where):
     before = sorted(path.name for path in (maps / "target").iterdir())
-    answer = sgp(
+    assert "is in the folder of the input" in sgp(
         *("detail", "properties", maps / "source", maps / "target"),
         *("--out", maps / where, "--force"),
-    )
-    assert answer.code == 2
-    assert "is in the folder of the input" in answer.err
+    ).error_line(2)
     assert sorted(path.name for path in (maps / "target").iterdir()) == before
 
 

@@ -71,8 +71,7 @@ def test_images_that_are_gone_or_have_changed(sgp, result, tmp_path):
     assert line.startswith("error: ball/ball.3.png: has changed since result was computed")
     assert not (tmp_path / "rti").exists()
     shutil.rmtree(tmp_path / "ball")
-    answer = sgp("export", "result", "--out", "rti", "--json").ok()
-    said = json.loads(answer.out)
+    said = sgp("export", "result", "--out", "rti", "--json").report()
     assert said["metrics"]["fitted_to"] == "normals"
     assert [notice["code"] for notice in said["notices"]] == ["relit-from-normals"]
     seen = read_ptm("rti/relight.ptm").relit([0, 1, 1.5])[..., 1]

@@ -64,11 +64,17 @@ def lights(root):
 
 def test_the_command_writes_a_flat_with_its_record(sgp, place, tmp_path):
     out = tmp_path / "flat"
-    answer = sgp(
-        "calibrate", "flat", place / "card", place / "turned", "--lights", lights(place),
-        "--out", out, "--json",
-    ).ok()  # fmt: skip
-    printed = json.loads(answer.out)
+    printed = sgp(
+        "calibrate",
+        "flat",
+        place / "card",
+        place / "turned",
+        "--lights",
+        lights(place),
+        "--out",
+        out,
+        "--json",
+    ).report()
     figures = printed["metrics"]
     assert np.mean(figures["corners"]) == pytest.approx(0.7, abs=0.02)
     assert figures["prnu"] == pytest.approx(0.01, rel=0.1)

@@ -68,8 +68,7 @@ def test_too_little_data_is_not_called_agreement(sgp: Callable, folder: Path) ->
 
 
 def test_shuffled_lights_are_named_and_the_exit_code_stays(sgp: Callable, folder: Path) -> None:
-    answer = sgp("inspect", folder, "--lights", folder.parent / "shuffled.json", "--json").ok()
-    printed = json.loads(answer.out)
+    printed = sgp("inspect", folder, "--lights", folder.parent / "shuffled.json", "--json").report()
     assert printed["ok"]
     assert printed["outputs"] == {}
     assert "lights-shuffled" in [notice["code"] for notice in printed["notices"]]

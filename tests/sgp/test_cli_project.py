@@ -30,8 +30,7 @@ def camera(tmp_path):
 
 def test_a_mesh_becomes_a_folder_of_normals(sgp, ball, tmp_path):
     out = tmp_path / "out"
-    answer = sgp("project", ball, "--size", "120x100", "--out", out, "--json").ok()
-    report = json.loads(answer.out)
+    report = sgp("project", ball, "--size", "120x100", "--out", out, "--json").report()
     assert sorted(report["outputs"]) == ["height", "mask", "normals", "normals_png"]
     metrics = report["metrics"]
     assert (metrics["width"], metrics["height"], metrics["faces"]) == (120, 100, len(BALL.faces))

@@ -41,9 +41,9 @@ def test_resuming_checks_disk_and_rig_first(sgp, rig, with_flats, tmp_path, monk
     usage = shutil.disk_usage(tmp_path)
     with monkeypatch.context() as full:
         full.setattr(shutil, "disk_usage", lambda path: usage._replace(free=1000))
-        answer = sgp("capture", "resume", out, "--rig", rig)
-        assert answer.code == 3
-        assert "the check before recording failed: disk: " in answer.err
+        assert "the check before recording failed: disk: " in sgp(
+            "capture", "resume", out, "--rig", rig
+        ).error_line(3)
         assert (out / "journal.jsonl").read_bytes() == before
         assert sgp("capture", "resume", out, "--rig", rig, "--skip-check", "--dry-run").code == 0
     assert sgp("capture", "resume", out, "--rig", rig).code == 0
@@ -97,12 +97,12 @@ def test_ctrl_c_leaves_a_dark_rig_and_an_intact_incomplete_session(sgp, rig, pla
     # Another rig is refused; the same rig takes the missing shots.
     other = tmp_path / "other.toml"
     other.write_text(RIG.replace("width = 64", "width = 72"), encoding="utf-8")
-    answer = sgp("capture", "resume", out, "--rig", other)
-    assert answer.code == 4
-    assert "camera width was 64 and is 72" in answer.err
-    answer = sgp("capture", "resume", out, "--rig", rig, "--plan", plan(100_000.0))
-    assert answer.code == 4
-    assert "plan exposures_us was (200000.0,) and is (100000.0,)" in answer.err
+    assert "camera width was 64 and is 72" in sgp(
+        "capture", "resume", out, "--rig", other
+    ).error_line(4)
+    assert "plan exposures_us was (200000.0,) and is (100000.0,)" in sgp(
+        "capture", "resume", out, "--rig", rig, "--plan", plan(100_000.0)
+    ).error_line(4)
     before = [frame.line for frame in session.frames]
     answer = sgp("capture", "resume", out, "--rig", rig, "--dry-run", "--json")
     assert json.loads(answer.out)["metrics"]["shots"] == len(session.missing)

@@ -17,8 +17,7 @@ from tests.sgp.virtual_bench import Bench, device
 
 
 def test_a_working_bench_is_described(bench, sgp):
-    answer = sgp("rig", "check", "--rig", bench.rig, "--json").ok()
-    report = json.loads(answer.out)["metrics"]
+    report = sgp("rig", "check", "--rig", bench.rig, "--json").figures()
     assert (report["board"]["leds"], report["board"]["port"]) == (36, bench.board.port)
     assert (report["camera"]["serial"], report["camera"]["pixel_format"]) == ("cam-7", "Mono12")
     plain = sgp("rig", "check", "--rig", bench.rig)

@@ -52,15 +52,13 @@ def test_the_image_that_disagrees_is_left_out_and_recorded(sgp, words, tmp_path)
 
 
 def test_named_and_disagreeing_images_are_left_out_together(sgp, words, tmp_path):
-    answer = sgp(*words, "--exclude", "auto,ball.0", "--out", tmp_path / "out", "--json").ok()
-    metrics = json.loads(answer.out)["metrics"]
+    metrics = sgp(*words, "--exclude", "auto,ball.0", "--out", tmp_path / "out", "--json").figures()
     assert metrics["excluded"] == ["ball.4"]
     assert metrics["images"] == COUNT - 2
 
 
 def test_estimated_strengths_are_written_and_can_be_used_again(sgp, words, folder, tmp_path):
-    answer = sgp(*words, "--semi-calibrated", "--out", tmp_path / "out", "--json").ok()
-    report = json.loads(answer.out)
+    report = sgp(*words, "--semi-calibrated", "--out", tmp_path / "out", "--json").report()
     assert report["warnings"] == []
     found = read_lights(tmp_path / "out" / "lights.json")
     others = np.delete(found.intensities[:, 0], 4).mean()

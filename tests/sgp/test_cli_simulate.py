@@ -42,8 +42,7 @@ def distant(tmp_path: Path) -> Path:
 def test_a_session_is_recorded_and_compared_with_its_ground_truth(sgp, tmp_path):
     out = tmp_path / "coin"
     # In so few pixels, the blur of a real lens would hide the relief.
-    answer = sgp("simulate", "coin", "--out", out, *SMALL, "--sharp", "--json").ok()
-    report = json.loads(answer.out)
+    report = sgp("simulate", "coin", "--out", out, *SMALL, "--sharp", "--json").report()
     assert report["outputs"]["session"] == str(out)
     assert (report["metrics"]["width"], report["metrics"]["height"]) == (96, 80)
     assert sgp("capture", "verify", out).code == 0

@@ -94,9 +94,7 @@ def test_the_page_has_the_notices_about_the_spheres(sgp, recording, tmp_path):
 def test_contradictions_are_refused(sgp, recording, tmp_path, command, words, text):
     words = [word.format(recording=recording) for word in words]
     out = () if command == "inspect" else ("--out", tmp_path / "out")
-    result = sgp(command, recording, *words, *out)
-    assert result.code == 2
-    assert text in result.err
+    assert text in sgp(command, recording, *words, *out).error_line(2)
     assert not (tmp_path / "out").exists()
 
 

@@ -207,12 +207,12 @@ CHILD = """
 import sys
 from dataclasses import replace
 import sgp
-from sgp.training import presets, training
+from sgp.training import presets, steps
 from sgp.commands import detail_train
 sizes = dict(blocks=1, convolutions=2, growth=8, features=8, surfaces=6, rugged=4, side=48, crop=8)
 presets.PRESETS["small"] = replace(presets.PRESETS["small"], **sizes)
 detail_train.HELD_OUT, detail_train.CORRECTED = range(3), range(3, 6)
-training._SAVE_EVERY_S = -1.0
+steps._SAVE_EVERY_S = -1.0
 sgp.main()
 """
 
