@@ -14,7 +14,7 @@ import calibration
 import rig
 from rig.arrays import Bool, Float64
 from sgp.cli import options
-from sgp.cli.console import Stages
+from sgp.cli.console import with_progress
 from sgp.cli.exit import UsageError
 from sgp.results.metrics import IntensitiesMetrics
 from sgp.results.output import check_file, stated
@@ -118,10 +118,9 @@ def intensities(
             raise acquisition.DataError(
                 f"{path}: the camera of these images is not known: give --camera"
             )
-        with Stages() as progress:
-            stack = calibration.linear_stack(
-                replace(opened, lights=None), channel=channel, on_progress=progress
-            )
+        stack = with_progress(calibration.linear_stack)(
+            replace(opened, lights=None), channel=channel
+        )
         order, by_name = positions.match(stack.ids)
         if not by_name:
             text = "matched to the images by number or order, not by name"

@@ -12,7 +12,7 @@ from cyclopts.validators import Number
 import acquisition
 import rig
 from sgp.cli import options
-from sgp.cli.console import Stages, note
+from sgp.cli.console import note, with_progress
 from sgp.cli.exit import UsageError
 from sgp.commands.capture_info import info
 from sgp.results.metrics import ExportMetrics
@@ -42,8 +42,7 @@ def compact(session: options.Input) -> Result:
     session
         Folder of the session.
     """
-    with Stages() as progress:
-        done = acquisition.session.compact_session(session, on_progress=progress)
+    done = with_progress(acquisition.session.compact_session)(session)
     ratio = done.bytes_before / max(done.bytes_after, 1)
     kept = "" if done.complete else ", the session is still incomplete"
     return Result(
@@ -114,8 +113,7 @@ def export(
     prepared = acquisition.exports.prepare_export(
         session, layout, values=values, bracket=bracket, lights=chosen, mask_path=mask
     )
-    with Stages() as progress:
-        written = prepared.write(out, on_progress=progress, replaced=earlier_files(out, _RECORD))
+    written = with_progress(prepared.write)(out, replaced=earlier_files(out, _RECORD))
     notes = prepared.notes
     images = len(notes.frames)
     return Result(
@@ -298,8 +296,7 @@ def import_(
         raise UsageError("--light-axes requires a calibration of near lights as --lights")
     stated = None if lights is None or near else given_lights(lights).lights
     opened = opened_with(near.lights if near else stated, model)
-    with Stages() as progress:
-        acquisition.import_frames(opened, out, labels, on_progress=progress)
+    with_progress(acquisition.import_frames)(opened, out, labels)
     result = info(out)
     used = {option.resolve() for option in (lights, camera, mask) if option is not None}
     others = [name for name in opened.ignored if (source / name).resolve() not in used]
@@ -322,10 +319,9 @@ def _import_watched(
         note(line)
 
     try:
-        with Stages() as progress:
-            watched = acquisition.watch_folder(
-                watch, out, lights=chosen, on_message=report, on_progress=progress, labels=labels
-            )
+        watched = with_progress(acquisition.watch_folder)(
+            watch, out, lights=chosen, on_message=report, labels=labels
+        )
     except BaseException as error:
         if printed:
             _note_how_to_continue(out, watch.folder, interrupted=not isinstance(error, Exception))

@@ -14,7 +14,7 @@ import processing
 import rig
 from rig.arrays import Bool
 from sgp.cli import options
-from sgp.cli.console import Stages
+from sgp.cli.console import Stages, with_progress
 from sgp.cli.exit import UsageError
 from sgp.results.output import claim_folder, writes_folder
 from sgp.results.result import Result
@@ -199,22 +199,20 @@ def _transfer_local(
     amplitude: float,
     shape_filter: processing.ShapeFilter,
 ) -> Transferred:
-    with Stages() as progress:
-        done = processing.transfer_local(
-            source.normal_map,
-            target.normal_map,
-            source_mask=_mask(local.source_mask, source.normal_map),
-            target_mask=_mask(local.target_mask, target.normal_map),
-            pose=processing.detail.Pose(
-                None if place is None else (place[0], place[1]),
-                local.scale,
-                local.rotate_deg,
-                local.mirror,
-            ),
-            amplitude=amplitude,
-            shape_filter=shape_filter,
-            on_progress=progress,
-        )
+    done = with_progress(processing.transfer_local)(
+        source.normal_map,
+        target.normal_map,
+        source_mask=_mask(local.source_mask, source.normal_map),
+        target_mask=_mask(local.target_mask, target.normal_map),
+        pose=processing.detail.Pose(
+            None if place is None else (place[0], place[1]),
+            local.scale,
+            local.rotate_deg,
+            local.mirror,
+        ),
+        amplitude=amplitude,
+        shape_filter=shape_filter,
+    )
     with Stages() as progress:
         return Transferred.of_part(done, source, target, progress)
 
