@@ -96,8 +96,7 @@ def camera_file(path, focal_px=900.0):
 )
 def test_what_is_no_mirror_sphere_is_refused(sgp, tmp_path, draw, says):
     source = recording(tmp_path / "s", draw)
-    answer = sgp("calibrate", "spheres", source, "--out", tmp_path / "l.json")
-    assert says in answer.error_line(5)
+    assert says in sgp("calibrate", "spheres", source, "--out", tmp_path / "l.json").error_line(5)
     assert not (tmp_path / "l.json").exists()
 
 

@@ -136,8 +136,7 @@ def test_a_file_that_one_source_lacks_is_its_own_failure(here, sgp, two, recipe,
     (two[0] / "own.json").write_bytes((tmp_path / "lights.json").read_bytes())
     (two[0] / "curve.txt").write_text("0 0\n65535 1\n")
     recipe.write_text('[run]\nlights = "{source}/own.json"\ngamma = "{source}/curve.txt"\n')
-    answer = sgp("batch", *two, "--out", tmp_path / "out", "--recipe", recipe, "--json")
-    assert answer.code == 4
+    assert sgp("batch", *two, "--out", tmp_path / "out", "--recipe", recipe, "--json").code == 4
     assert {name: row["status"] for name, row in table(tmp_path / "out").items()} == {
         "ball": "done",
         "bright": "failed",
@@ -190,8 +189,7 @@ def test_wrong_commands_are_refused_before_any_work(here, sgp, two, recipe, tmp_
     assert not out.exists() or not any(path.is_file() for path in out.rglob("*"))
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "notes.txt").touch()
-    text = sgp("batch", *two, "--out", tmp_path / "full").error_line(2)
-    assert "already contains files" in text
+    assert "already contains files" in sgp("batch", *two, "--out", tmp_path / "full").error_line(2)
     assert "folder of the input" in sgp("batch", *two, "--out", two[0] / "out").error_line(2)
 
 

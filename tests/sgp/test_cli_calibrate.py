@@ -78,8 +78,7 @@ def test_masks_in_the_folder_may_be_given_one_by_one(sgp, chrome, tmp_path):
 def test_an_object_in_the_mask_file_of_a_plain_folder_is_named(sgp, chrome, tmp_path):
     write_png(chrome / "mask.png", disc((150, 120), 20))
     answer = sgp("calibrate", "spheres", chrome, "--out", tmp_path / "l.json")
-    message = answer.error_line(5)
-    assert f"{chrome / 'mask.png'} was used as the mask of a sphere" in message
+    assert f"{chrome / 'mask.png'} was used as the mask of a sphere" in answer.error_line(5)
 
 
 def test_a_given_outline_comes_before_the_mask_file(sgp, chrome, tmp_path):

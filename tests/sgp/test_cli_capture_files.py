@@ -5,8 +5,6 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
-import time
 from pathlib import Path
 
 import cv2
@@ -15,8 +13,7 @@ import pytest
 from scipy.io import savemat
 
 from acquisition import Session, read_image, read_lights, write_png
-
-CAPTURE = [sys.executable, "-c", "from sgp import capture; capture()"]
+from tests.sgp.small_rig import CAPTURE, interrupted
 
 
 @pytest.fixture(scope="module")
@@ -55,11 +52,9 @@ def test_compacting_a_session(sgp, session, made):
     assert (metrics["frames"], metrics["compacted"], metrics["complete"]) == (7, 7, True)
     assert metrics["ratio"] > 1.3
     assert metrics["bytes_after"] == sum(f.stat().st_size for f in (session / "frames").iterdir())
-    verified = sgp("capture", "verify", session).ok()
-    assert "intact and complete" in verified.out
+    assert "intact and complete" in sgp("capture", "verify", session).ok().out
     same(made, session)
-    again = sgp("capture", "compact", session).ok()
-    assert "0 of 7 frames compacted" in again.out
+    assert "0 of 7 frames compacted" in sgp("capture", "compact", session).ok().out
 
 
 def test_a_damaged_session_is_not_compacted(sgp, session):
@@ -84,8 +79,7 @@ def test_export_and_import_give_the_same_pixels_and_lights(sgp, session, tmp_pat
     assert record["metrics"]["subtracted"] == "nothing"
     assert str(session / "frames" / "L00_E0.tif") in record["inputs"]
     assert any("positions" in warning for warning in record["warnings"])
-    answer = sgp("capture", "import", out, "--out", back).ok()
-    assert answer.err == "", "there must be no warnings"
+    assert sgp("capture", "import", out, "--out", back).ok().err == "", "there must be no warnings"
     same(session, back)
     lights, expected = Session.open(back).lights, read_lights(lights_of(session))
     assert lights is not None
@@ -231,46 +225,29 @@ def test_watching_a_folder(sgp, tmp_path):
     assert sgp(*words).code == 4, "a complete session is not continued"
 
 
-def test_watching_with_a_plan(sgp, tmp_path):
-    plan = tmp_path / "plan.toml"
-    plan.write_text("leds = [2, 0]\nexposures_us = [500.0]\n")
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        (("--plan", "plan.toml"), [("dark", None), ("light", 2), ("light", 0)]),
+        (("--leds", "5-4, 9"), [("light", 5), ("light", 4), ("light", 9)]),
+    ],
+    ids=["plan", "listed LEDs"],
+)
+def test_watching_for_planned_shots(sgp, tmp_path, monkeypatch, options, expected):
+    monkeypatch.chdir(tmp_path)
+    Path("plan.toml").write_text("leds = [2, 0]\nexposures_us = [500.0]\n")
     folder = tethered(tmp_path / "in", [0, 2, 4])
-    words = ("capture", "import", folder, "--watch", "--plan", plan, "--out", tmp_path / "out")
+    words = ("capture", "import", folder, "--watch", *options, "--out", tmp_path / "out")
     assert sgp(*words, "--interval-s", 2, "--timeout-s", 20).code == 0
     frames = Session.open(tmp_path / "out").frames
-    assert [(frame.role, frame.led) for frame in frames] == [
-        ("dark", None),
-        ("light", 2),
-        ("light", 0),
-    ]
-
-
-def test_watching_for_listed_leds(sgp, tmp_path):
-    folder = tethered(tmp_path / "in", [0, 2, 4])
-    words = ("capture", "import", folder, "--watch", "--leds", "5-4, 9", "--out", tmp_path / "out")
-    assert sgp(*words, "--interval-s", 2, "--timeout-s", 20).code == 0
-    assert [frame.led for frame in Session.open(tmp_path / "out").frames] == [5, 4, 9]
+    assert [(frame.role, frame.led) for frame in frames] == expected
 
 
 def test_ctrl_c_ends_a_watch_and_the_same_command_continues(sgp, tmp_path):
     folder, out = tethered(tmp_path / "in", [0, 2, 4, 6, 8, 10]), tmp_path / "out"
-    words = ["import", str(folder), "--watch", "--led-count", "7", "--out", str(out)]
-    process = subprocess.Popen(
-        [*CAPTURE, *words],
-        stderr=subprocess.PIPE,
-        text=True,
-        env=os.environ | {"NUMBA_NUM_THREADS": "1"},
-    )
-    deadline = time.monotonic() + 60
-    while not (out / "frames" / "L05_E0.tif").exists():
-        assert process.poll() is None, process.stderr.read()
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-    process.send_signal(signal.SIGINT)
-    _, message = process.communicate(timeout=30)
-    assert process.returncode == 130, message
+    words = ["import", folder, "--watch", "--led-count", "7", "--out", out]
+    message = interrupted([*CAPTURE, *words], out / "frames" / "L05_E0.tif")
     assert "run the same command again to continue" in message
-    assert "Traceback" not in message
     tethered(folder, [0, 2, 4, 6, 8, 10, 12])
     assert sgp("capture", *words, "--timeout-s", 20).code == 0
     assert sgp("capture", "verify", out).code == 0
@@ -370,9 +347,3 @@ def test_a_watch_never_writes_into_a_folder_with_other_files(sgp, tmp_path):
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "x").write_text("")
     assert sgp(*words, tmp_path / "other").code == 2
-
-
-@pytest.mark.parametrize("command", ["compact", "export", "import"])
-def test_every_command_shows_an_example(sgp, command):
-    answer = sgp("capture", command, "--help").ok()
-    assert f"capture {command} " in answer.out.partition("For example:")[2]

@@ -193,11 +193,6 @@ def test_a_rig_that_is_not_ready_gives_exit_3_and_says_why(sgp, rig, plan, tmp_p
     assert "LEDs" not in states
 
 
-def test_help_has_an_example(sgp):
-    for command in ("plan", "check"):
-        assert f"capture {command} " in sgp("capture", command, "--help").out
-
-
 def test_help_is_wrapped_by_paragraphs(sgp, monkeypatch):
     monkeypatch.setenv("COLUMNS", "60")
     shown = sgp("capture", "import", "--help").out.partition("For example:")

@@ -85,8 +85,7 @@ def test_wrong_colours_of_a_surface_are_refused(sgp, photographs, tmp_path) -> N
         (tmp_path / "small.png", 4, "4 x 3 pixels, but the normals have 48 x 40"),
         (tmp_path / "none.png", 2, "no such file"),
     ):
-        answer = sgp("surface", made, "--albedo", path, "--out", out)
-        assert text in answer.error_line(code)
+        assert text in sgp("surface", made, "--albedo", path, "--out", out).error_line(code)
         assert not out.exists()
 
 

@@ -1,6 +1,5 @@
 """The command for curvature, on the normals of a ball."""
 
-
 import numpy as np
 import pytest
 

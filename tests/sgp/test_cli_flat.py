@@ -64,18 +64,8 @@ def lights(root):
 
 def test_the_command_writes_a_flat_with_its_record(sgp, place, tmp_path):
     out = tmp_path / "flat"
-    printed = sgp(
-        "calibrate",
-        "flat",
-        place / "card",
-        place / "turned",
-        "--lights",
-        lights(place),
-        "--out",
-        out,
-        "--json",
-    ).report()
-    figures = printed["metrics"]
+    words = ("calibrate", "flat", place / "card", place / "turned", "--lights", lights(place))
+    figures = sgp(*words, "--out", out, "--json").figures()
     assert np.mean(figures["corners"]) == pytest.approx(0.7, abs=0.02)
     assert figures["prnu"] == pytest.approx(0.01, rel=0.1)
     assert figures["frames"] == 16

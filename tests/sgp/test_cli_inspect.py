@@ -108,8 +108,7 @@ def test_a_surface_of_mirrored_normals_is_reported(sgp: Callable, tmp_path: Path
     normals, mask = bumps()
     write_normals(tmp_path / "n", NormalMap.from_vectors(normals, mask))
     png = tmp_path / "n" / "normals.png"
-    right = sgp("surface", png, "--out", tmp_path / "right")
-    assert "surface" not in right.err
+    assert "surface" not in sgp("surface", png, "--out", tmp_path / "right").err
     wrong = sgp("surface", png, "--green", "down", "--out", tmp_path / "wrong").ok()
     assert "not those of a surface" in wrong.err
     metrics = read_record(tmp_path / "wrong" / "surface.json").metrics

@@ -68,8 +68,7 @@ def test_excluded_images_have_no_lights(sgp, recording, tmp_path, exclude, gone)
 )
 def test_wrong_names_are_refused(sgp, recording, tmp_path, exclude, code, says):
     words = ("calibrate", "spheres", recording, "--exclude", exclude)
-    answer = sgp(*words, "--out", tmp_path / "l.json")
-    assert says in answer.error_line(code)
+    assert says in sgp(*words, "--out", tmp_path / "l.json").error_line(code)
 
 
 @pytest.mark.slow
@@ -142,8 +141,7 @@ def test_no_mark_is_proposed_if_images_are_blank(sgp, recording, tmp_path):
     for name in ("L03", "L06"):
         change(recording, name, black)
     answer = sgp("calibrate", "spheres", recording, "--out", tmp_path / "l.json")
-    line = answer.error_line(5)
-    assert line.endswith("to calibrate the other lights, add --exclude L03,L06")
+    assert answer.error_line(5).endswith("to calibrate the other lights, add --exclude L03,L06")
     assert not (tmp_path / "l-candidates.png").exists()
 
 

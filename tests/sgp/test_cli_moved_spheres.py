@@ -81,6 +81,5 @@ def test_a_circle_belongs_to_the_recording_with_its_number():
     ],
 )
 def test_a_mark_without_a_recording_is_refused(sgp, two, tmp_path, options, says):
-    answer = sgp(*words(two, *options, "--out", tmp_path / "l.json"))
-    assert says in answer.error_line(2)
+    assert says in sgp(*words(two, *options, "--out", tmp_path / "l.json")).error_line(2)
     assert not (tmp_path / "l.json").exists()

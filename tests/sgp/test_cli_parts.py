@@ -80,6 +80,5 @@ def test_parts_of_a_recording_keep_their_lights(sgp, given, tmp_path) -> None:
 def test_wrong_parts_are_refused_before_anything_is_written(
     sgp, given, tmp_path, options, code, text
 ) -> None:
-    answer = sgp("normals", *given, *options, "--out", tmp_path / "out")
-    assert text in answer.error_line(code)
+    assert text in sgp("normals", *given, *options, "--out", tmp_path / "out").error_line(code)
     assert not (tmp_path / "out").exists()

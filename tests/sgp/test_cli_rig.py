@@ -36,13 +36,19 @@ def test_check_warns_of_problems_that_are_not_errors_yet(bench, sgp):
     assert "watchdog turned LEDs off 1 time since" in answer.err
 
 
-def test_check_says_how_the_camera_is_mounted(sgp, tmp_path):
+@pytest.fixture
+def mounted(tmp_path):
+    """A rig file whose camera is mirrored and turned."""
     file = tmp_path / "rig.toml"
     file.write_text(
         'name = "x"\ndriver = "simulated"\nleds = 4\n'
         "[mounting]\nrotation_deg = 90\nmirror = true\n[options]\nwidth = 64\nheight = 48\n"
     )
-    answer = sgp("rig", "check", "--rig", file)
+    return file
+
+
+def test_check_says_how_the_camera_is_mounted(sgp, mounted):
+    answer = sgp("rig", "check", "--rig", mounted)
     assert "mirrored and rotated by 90 degrees to be upright" in answer.out
     assert "48 x 64 Mono12" in answer.out
 
@@ -93,14 +99,9 @@ def test_a_frame_is_snapped_as_the_sensor_gave_it(bench, sgp, tmp_path):
     assert "frame.png" in answer.out
 
 
-def test_the_view_of_a_frame_is_upright_and_in_a_new_folder(sgp, tmp_path):
-    rig = tmp_path / "rig.toml"
-    rig.write_text(
-        'name = "x"\ndriver = "simulated"\nleds = 4\n'
-        "[mounting]\nrotation_deg = 90\nmirror = true\n[options]\nwidth = 64\nheight = 48\n"
-    )
+def test_the_view_of_a_frame_is_upright_and_in_a_new_folder(sgp, mounted, tmp_path):
     out = tmp_path / "new" / "folder" / "frame.tif"
-    words = ("rig", "snap", "--led", 1, "--out", out, "--rig", rig)
+    words = ("rig", "snap", "--led", 1, "--out", out, "--rig", mounted)
     answer = sgp(*words, "--json").ok()
     raw, view = read_image(out), read_image(out.with_suffix(".png"))
     assert json.loads(answer.out)["outputs"]["view"] == str(out.with_suffix(".png"))

@@ -88,8 +88,7 @@ def test_lights_that_contradict_the_configured_rig_file_are_named(
 ):
     monkeypatch.setenv("SGP_RIG", str(rig_file(tmp_path / "rig.toml", spheres, (2, 5))))
     words = ("calibrate", "spheres", spheres, "--radius-mm", 20, "--out", tmp_path / "l.json")
-    answer = sgp(*words).ok()
-    assert "note: rig simulated: LED 2 and 5 are swapped" in " ".join(answer.err.split())
+    assert "note: rig simulated: LED 2 and 5 are swapped" in " ".join(sgp(*words).ok().err.split())
 
 
 def test_which_rig_file_counts(spheres, lights, tmp_path, monkeypatch):
@@ -143,6 +142,5 @@ def test_the_rig_file_decides_that_the_radius_is_wrong(sgp, spheres, tmp_path):
 def test_a_rig_without_positions_is_refused_before_reading(sgp, spheres, tmp_path):
     (tmp_path / "bare.toml").write_text('name = "bare"\ndriver = "bench"\n')
     words = ("calibrate", "spheres", spheres, "--out", tmp_path / "l.json")
-    line = sgp(*words, "--rig", tmp_path / "bare.toml").error_line(2)
-    assert "has no led_positions_mm" in line
+    assert "has no led_positions_mm" in sgp(*words, "--rig", tmp_path / "bare.toml").error_line(2)
     assert "none.toml" in sgp(*words, "--rig", tmp_path / "none.toml").error_line(2)

@@ -107,8 +107,7 @@ def test_a_recording_without_spheres_is_refused_in_one_line(sgp, recording, tmp_
 
 @pytest.mark.slow
 def test_inspect_takes_the_lights_of_the_spheres(sgp, recording):
-    result = sgp("inspect", recording, "--spheres").ok()
-    assert "8 images, distant lights" in result.out
+    assert "8 images, distant lights" in sgp("inspect", recording, "--spheres").ok().out
 
 
 @pytest.mark.slow

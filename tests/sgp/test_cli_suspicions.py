@@ -1,6 +1,5 @@
 """Valid files with suspicious contents: the commands report them."""
 
-
 import numpy as np
 import pytest
 

@@ -67,8 +67,7 @@ def test_every_output_says_simulated(sgp, tmp_path, camera):
     )
     session, sheet, export, copy = (tmp_path / name for name in ("s", "s.png", "e", "c"))
     mark = "SIMULATED, with a virtual board or camera"
-    answer = sgp("capture", "run", session, "--rig", rig, "--skip-check").ok()
-    assert mark in answer.out
+    assert mark in sgp("capture", "run", session, "--rig", rig, "--skip-check").ok().out
     answer = sgp("capture", "info", session, "--sheet", sheet, "--json")
     assert json.loads(answer.out)["metrics"]["simulated"] is True
     # The mark is in the label of each of the seven frames.
@@ -96,5 +95,4 @@ def test_the_overview_says_simulated(sgp, simulated_session, tmp_path, monkeypat
 
 def test_a_recording_of_a_bench_says_nothing(sgp):
     assert not Session.open(GOLDEN).manifest.simulated
-    answer = sgp("capture", "info", GOLDEN)
-    assert "SIMULATED" not in answer.out
+    assert "SIMULATED" not in sgp("capture", "info", GOLDEN).out
