@@ -14,7 +14,7 @@ import pytest
 
 from acquisition import read_camera, read_image, write_camera, write_png
 from calibration import CharucoBoard, find_board, read_board
-from sgp.results.record import read_record
+from sgp import read_record
 from simulator import Lens
 from simulator.shapes import ChArUco
 from tests.calibration.board_series import BOARD, CAMERA, FLAT, poses, shot
