@@ -127,10 +127,11 @@ def _numbers(version: str) -> tuple[int, ...]:
 
 
 def _names() -> _Findings:
-    found = 0
-    for found, finding in enumerate(_clashes(), 1):
+    clean = True
+    for finding in _clashes():
+        clean = False
         yield finding
-    if not found:
+    if clean:
         yield "ok", "no other package or program has our names"
 
 
