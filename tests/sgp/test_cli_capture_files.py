@@ -72,8 +72,7 @@ def test_a_damaged_session_is_not_compacted(sgp, session):
 def test_export_and_import_give_the_same_pixels_and_lights(sgp, session, tmp_path, layout):
     out, back = tmp_path / "out", tmp_path / "back"
     words = ("--format", layout, "--out", out, "--lights", lights_of(session))
-    answer = sgp("capture", "export", session, *words, "--json").ok()
-    assert json.loads(answer.out)["metrics"]["images"] == 6
+    assert sgp("capture", "export", session, *words, "--json").figures()["images"] == 6
     record = json.loads((out / "export.json").read_text())
     assert record["parameters"]["layout"] == layout
     assert record["metrics"]["subtracted"] == "nothing"

@@ -101,6 +101,9 @@ def test_earlier_spellings_still_work(sgp):
         pytest.param(["--leds", "36"], "--led-count 36 for 36 LEDs, or --leds 36-36", id="number"),
         pytest.param(["--leds", "1,x"], "'x' is neither an LED number nor a range", id="text"),
         pytest.param(["--leds", "0-3,2"], "LED 2 is listed twice", id="twice"),
+        pytest.param(["--leds", "0-40"], "--leds: the plan's LED 36", id="LED of the board"),
+        pytest.param(["--leds", "70000-70001"], "no LED 70001", id="LED"),
+        pytest.param(["--leds", "0-5", "--led-count", "3"], "--leds: ", id="count"),
         pytest.param(["{plan}", "--leds", "0-3"], "leave out --leds", id="plan and LEDs"),
         pytest.param(["--rig", "simulated", "--led-count", "3"], "leave out", id="rig and count"),
         pytest.param(["--size", "8x8", "--width", "8"], "--size gives width and", id="two sizes"),
@@ -110,10 +113,6 @@ def test_earlier_spellings_still_work(sgp):
 def test_options_of_a_plan_that_contradict(sgp, plan, words, message):
     path = plan()
     assert message in sgp("capture", "plan", *(w.format(plan=path) for w in words)).error_line(2)
-
-
-def test_a_listed_led_that_the_board_lacks(sgp):
-    assert "--leds: the plan's LED 36" in sgp("capture", "plan", "--leds", "0-40").error_line(2)
 
 
 def test_exposures_are_shown_by_groups_of_leds(sgp, plan):

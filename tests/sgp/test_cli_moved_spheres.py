@@ -31,8 +31,7 @@ def test_two_recordings_give_one_calibration(sgp, two, tmp_path):
             write_png(path, np.rint(255 * np.clip(masks(k)[ball], 0, 1)).astype(np.uint8))
             given += ["--mask", f"{k + 1}:{path}"]
     options = ("--radius-mm", 20, "--radius-mm", 16, *given, "--out", found, "--json")
-    answer = sgp(*words(two, *options)).ok()
-    figures = json.loads(answer.out)["metrics"]["spheres"]
+    figures = sgp(*words(two, *options)).figures()["spheres"]
     assert [figure["recording"] for figure in figures] == [str(two[0])] * 2 + [str(two[1])] * 2
     lights = read_lights(found)
     truth = rendered(0).truth.lights.positions_mm

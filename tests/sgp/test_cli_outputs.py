@@ -89,6 +89,7 @@ def test_notes_of_an_error_are_printed(monkeypatch, capsys):
         pytest.param(["demo", "--seed", "-1"], id="seed"),
         pytest.param(["capture", "plan", "--led-count", "0"], id="leds"),
         pytest.param(["rig", "snap", "--rig", "simulated", "--out", "frame.png"], id="suffix"),
+        pytest.param(["rig", "snap", "--rig", "simulated", "--out", "."], id="a folder"),
         pytest.param(["calibrate", "spheres", "x", "--out", "lights.lp"], id="lights suffix"),
         pytest.param(["detail", "transfer", "x", "y", "--out", "o", "--at", "5"], id="place"),
     ],

@@ -104,8 +104,7 @@ def test_gray_ball_agrees_with_its_geometry(sgp, data, uw_lights, tmp_path):
 def test_a_raw_file_is_imported_with_its_colour_filter(sgp, data, tmp_path):
     out = tmp_path / "session"
     raw = data / "raw" / "RAW_KODAK_DC50.KDC"
-    answer = sgp("capture", "import", raw, "--out", out, "--json").ok()
-    camera = json.loads(answer.out)["metrics"]["camera"]
+    camera = sgp("capture", "import", raw, "--out", out, "--json").figures()["camera"]
     assert camera["cfa"] == "GRBG"
     (frame,) = (out / "frames").iterdir()
     pixels = read_image(frame)

@@ -13,7 +13,7 @@ import rig.board.ports
 from acquisition import read_image
 from rig import Board
 from simulator.led_board import BoardFault
-from tests.sgp.virtual_bench import Bench, device
+from tests.sgp.virtual_bench import device
 
 
 def test_a_working_bench_is_described(bench, sgp):
@@ -155,17 +155,6 @@ def test_an_led_that_turns_off_by_itself_is_reported(without_camera, sgp):
     bench.board.set_faults(BoardFault(kind="goes-dark", verb="ON", value=100))
     line = sgp("rig", "light", 5, "--seconds", 0.6, "--rig", bench.rig).error_line(3)
     assert "LED 5 was turned on, but no LED was on at the end" in line
-
-
-def test_light_of_another_board_is_refused_in_the_dark(tmp_path, sgp):
-    bench = Bench(tmp_path, leds=24)
-    try:
-        bench.options["cti"] = "/nowhere/maker.cti"
-        line = sgp("rig", "light", 5, "--rig", bench.rig).error_line(3)
-        assert "has 24 LEDs, but rig bench 1 is configured with 36" in line
-        Board(bench.board.port).close()
-    finally:
-        bench.close()
 
 
 def test_light_stays_on_for_longer_than_the_watchdog_time(bench, sgp):

@@ -145,10 +145,7 @@ def test_bad_input_is_one_line(sgp, low: Path, tmp_path: Path, monkeypatch, case
     monkeypatch.chdir(low)
     shutil.copy(MODELS / "superres-x4.json", low / "altered.json")
     (low / "altered.onnx").write_bytes((MODELS / "superres-x4.onnx").read_bytes()[:-1])
-    answer = sgp("detail", "superres", *words, "--out", tmp_path / "out")
-    assert answer.code == code, answer.err
-    assert text in answer.err
-    assert len(answer.err.strip().splitlines()) == 1
+    assert text in sgp("detail", "superres", *words, "--out", tmp_path / "out").error_line(code)
     assert not (tmp_path / "out").exists()
 
 

@@ -58,15 +58,9 @@ def test_a_sphere_mask_that_is_not_a_disc_is_refused(sgp, recording, tmp_path):
     square = np.zeros((40, 48), np.uint8)
     square[10:14, 5:40] = 255
     write_png(tmp_path / "mask.png", square)
-    assert "not the disc of a sphere" in sgp(
-        "calibrate",
-        "spheres",
-        recording,
-        "--mask",
-        tmp_path / "mask.png",
-        "--out",
-        tmp_path / "found.json",
-    ).error_line(5)
+    words = ("calibrate", "spheres", recording, "--mask", tmp_path / "mask.png")
+    answer = sgp(*words, "--out", tmp_path / "found.json")
+    assert "not the disc of a sphere" in answer.error_line(5)
     assert not (tmp_path / "found.json").exists()
 
 

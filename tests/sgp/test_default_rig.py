@@ -14,17 +14,7 @@ from acquisition import Session
 from rig.config import rig_names
 from sgp.app import build
 from sgp.rigs.user_config import config_path
-
-RIG = """
-name = "small"
-driver = "simulated"
-leds = 3
-[options]
-scene = "plane"
-width = 64
-height = 52
-"""
-
+from tests.sgp.small_rig import RIG
 
 GOLDEN = Path(__file__).parents[1] / "acquisition" / "golden_session_3"
 
@@ -178,22 +168,6 @@ def test_a_faulty_configuration_does_not_hide_damage(sgp, config, tmp_path):
     answer = sgp("capture", "verify", tmp_path / "s")
     assert answer.code == 4
     assert frame.name in answer.out + answer.err
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        pytest.param(["capture", "plan", "--leds", "70000-70001"], "no LED 70001", id="LED"),
-        pytest.param(
-            ["capture", "plan", "--leds", "0-5", "--led-count", "3"], "--leds: ", id="count"
-        ),
-        pytest.param(
-            ["rig", "snap", "--rig", "simulated", "--out", "."], "give --out a file name", id="snap"
-        ),
-    ],
-)
-def test_wrong_usage_gets_one_line(sgp, words, message):
-    assert message in sgp(*words).error_line(2)
 
 
 def test_a_path_with_a_dot_is_not_the_name_of_an_installed_rig(sgp, tmp_path, monkeypatch):

@@ -13,17 +13,7 @@ from acquisition.preflights import Check, Preflight
 from rig import RigError
 from sgp.sessions.resume_command import ResumeCommand
 from sgp.sessions.steps import Preparation, accept
-from tests.sgp.small_rig import interrupted
-
-RIG = """
-name = "small"
-driver = "simulated"
-leds = 6
-[options]
-scene = "coin"
-width = 64
-height = 52
-"""
+from tests.sgp.small_rig import RIG, interrupted
 
 
 @pytest.fixture
