@@ -121,9 +121,8 @@ def superres(
         result.outputs = maps.write(out, made.maps["normals"], made.mask)
         result.outputs |= write_superres_maps(out, made)
         measure_superres(made, result)
-        result.outputs["picture"] = out / "superres.png"
-        low = found_maps.inputs[0]
-        write_superres_picture(result.outputs["picture"], normals.name, made, low)
+        picture, low = result.file("picture", out / "superres.png"), found_maps.inputs[0]
+        write_superres_picture(picture, normals.name, made, low)
     size = pixel_mm
     if camera is not None and view is not None:
         result.inputs.append(camera)
