@@ -320,11 +320,13 @@ def inputs_of(command: Callable[..., object], arguments: Mapping[str, object]) -
             continue
         kind = getattr(hints.get(name), "__metadata__", ())
         if _INPUT in kind or (_LIGHTS in kind and value != RIG_LIGHTS):
-            yield from (one for one in _several(value) if isinstance(one, Path))
+            yield from paths_of([value])
 
 
-def _several(value: object) -> tuple[object, ...]:
-    return tuple(value) if isinstance(value, (list, tuple)) else (value,)
+def paths_of(values: Iterable[object]) -> list[Path]:
+    """Return the paths among some arguments, including options with several values."""
+    several = (value if isinstance(value, (list, tuple)) else (value,) for value in values)
+    return [path for group in several for path in group if isinstance(path, Path)]
 
 
 def transfer_of(gamma: str) -> acquisition.TransferCurve | None:

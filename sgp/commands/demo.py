@@ -73,7 +73,7 @@ def _demo(out: Path, seed: int, folder: DemoFolder) -> Result:
     folder.begin("normals", "detail", "surface")
     outcome = process(
         source,
-        _marks(spheres, coin),
+        [one.folder / "COMPLETE" for one in (spheres, coin)],  # their hashes identify sessions
         out,
         watch,
         SourceOptions(),
@@ -139,11 +139,6 @@ def _capture(
             ),
             hooks=acquisition.RecordingHooks(on_progress=progress),
         )
-
-
-def _marks(*sessions: acquisition.Session) -> list[Path]:
-    """Return the files whose hashes identify complete sessions."""
-    return [session.folder / "COMPLETE" for session in sessions]
 
 
 def _calibrate(
