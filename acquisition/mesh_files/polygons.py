@@ -9,6 +9,7 @@ import numpy as np
 
 from rig import Notice, UnreadableError, pluralize
 from rig.arrays import Bool, Float64, Int64
+from rig.kernels import PART
 
 # Comparisons of corners that all polygons that are not convex may take together: about 2 s.
 _MOST_STEPS: Final = 1_000_000_000
@@ -109,7 +110,7 @@ def _cut_ears(places: Int64, polygon: Int64, lengths: Int64, begins: Int64, poin
     return int(crossed.sum())
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _turn(x: Float64, y: Float64, a: int, b: int, c: int) -> float:
     turn: float = (x[b] - x[a]) * (y[c] - y[a]) - (y[b] - y[a]) * (x[c] - x[a])
     return turn

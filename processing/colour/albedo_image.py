@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from acquisition import SRGB, DataError, MapRows
+from acquisition.files import rows_in_bands
 from rig import short_repr
 from rig.arrays import Bool, Float32, UInt8
 
@@ -64,9 +65,7 @@ def albedo_picture(albedo: Float32, mask: Bool) -> AlbedoPicture:
     """
     white = albedo_white(albedo, mask)
     pixels = np.zeros(albedo.shape, np.uint8)
-    step = max(1, _BLOCK // mask.shape[1])
-    for first in range(0, len(mask), step):
-        rows = slice(first, first + step)
+    for rows in rows_in_bands(len(mask), mask.shape[1], _BLOCK):
         pixels[rows] = albedo_samples(albedo[rows], mask[rows], white)
     return AlbedoPicture(pixels, white)
 
@@ -86,9 +85,8 @@ def albedo_white(albedo: MapRows, mask: Bool) -> float:
             f"an albedo of shape {albedo.shape} does not fit a mask of shape {mask.shape}"
         )
     parts = []
-    step = max(1, _READ // mask.shape[1])
-    for first in range(0, len(mask), step):
-        inside = albedo[first : first + step][mask[first : first + step]]
+    for rows in rows_in_bands(len(mask), mask.shape[1], _READ):
+        inside = albedo[rows][mask[rows]]
         brightest = inside if inside.ndim == 1 else inside.max(axis=1, initial=0)
         parts.append(brightest[np.isfinite(brightest) & (brightest > 0)])
     found = np.concatenate(parts)

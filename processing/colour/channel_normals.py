@@ -54,6 +54,16 @@ class ColourImages:
         """Light vectors at the pixels."""
         return LightModel(self.lights, self.points_mm, self.mask)
 
+    def solved(
+        self, samples: Float32, law: NoiseLaw | Float32 | None, method: Method
+    ) -> StereoMaps:
+        """Return the maps of samples ``(N, H, W)`` made from these images."""
+        maps, frames = StereoMaps.empty(self.mask.shape), Frames(samples)
+        solve_maps(
+            frames, self.model, self.mask, law, method, maps, self.camera, no_progress, self.rows
+        )
+        return maps
+
 
 @dataclass(frozen=True, eq=False)
 class ColourMaps:
@@ -137,8 +147,8 @@ def solve_colours(
     laws
         What `laws_of_colours` has returned for these or other rows.
     """
-    mask, noise, model = images.mask, images.noise, images.model
-    found = ColourMaps.empty(mask.shape, _CHANNELS)
+    noise = images.noise
+    found = ColourMaps.empty(images.mask.shape, _CHANNELS)
     weights = _weights(images.values, noise)
     residual = np.zeros_like(found.albedo)
     for channel, estimated in enumerate(laws):
@@ -146,10 +156,7 @@ def solve_colours(
         law: NoiseLaw | Float32 | None = estimated
         if noise is not None:
             law = NoiseLaw(noise.of_colour(channel), stack.shape)
-        maps = StereoMaps.empty(mask.shape)
-        solve_maps(
-            Frames(stack), model, mask, law, method, maps, images.camera, no_progress, images.rows
-        )
+        maps = images.solved(stack, law, method)
         found.normals[:] += maps.normals * weights[..., channel, None]
         found.albedo[..., channel], residual[..., channel] = maps.albedo, maps.residual
         found.used[channel] = maps.used

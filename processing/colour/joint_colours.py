@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 
+from acquisition.files import rows_in_bands
 from calibration import StackNoise
 from calibration.radiance import luma
 from processing.colour.channel_normals import ColourImages, ColourMaps
@@ -16,9 +16,7 @@ from processing.stereo.frames import Frames
 from processing.stereo.image_noise import NoiseLaw, law_of_images
 from processing.stereo.light_model import LightModel
 from processing.stereo.method import Method
-from processing.stereo.solve import solve_maps
 from processing.stereo.stereo_maps import StereoMaps
-from rig import no_progress
 from rig.arrays import AnyArray, Bool, Float32, Float64, Floating
 
 _ROWS = 64
@@ -124,14 +122,10 @@ def solve_jointly(images: ColourImages, method: Method, law: Float32 | None) -> 
     values, mask, noise, model = images.values, images.mask, images.noise, images.model
     enough = _ENOUGH.get(method)
     samples, colours = _combined(images, enough)
-    first = StereoMaps.empty(mask.shape)
-    camera, rows_of_camera = images.camera, images.rows
-    solve_maps(
-        Frames(samples), model, mask, law, method, first, camera, no_progress, rows_of_camera
-    )
+    first = images.solved(samples, law, method)
     known = first.albedo > 0
     intensities = np.asarray(images.lights.intensities)
-    for rows in _bands(mask):
+    for rows in rows_in_bands(len(mask), 1, _ROWS):
         lit = shading(model, first.normals, known, rows)
         found = _colours(values[:, rows], samples[:, rows], lit, first, rows)
         colours[rows] = np.where(known[rows, :, None], found, colours[rows])
@@ -139,10 +133,7 @@ def solve_jointly(images: ColourImages, method: Method, law: Float32 | None) -> 
     of_samples: NoiseLaw | Float32 | None = law
     if noise is not None:
         of_samples = NoiseLaw(JointNoise.of(noise, colours, values), samples.shape)
-    maps = StereoMaps.empty(mask.shape)
-    solve_maps(
-        Frames(samples), model, mask, of_samples, method, maps, camera, no_progress, rows_of_camera
-    )
+    maps = images.solved(samples, of_samples, method)
     scale = _ratio(maps.albedo, luma(colours)).astype(np.float32)
     solved = np.array([maps.albedo.any()])
     albedo = colours * scale[..., None]
@@ -155,14 +146,10 @@ def _combined(images: ColourImages, enough: int | None) -> tuple[Float32, Float3
     colours = np.zeros((*mask.shape, 3), np.float32)
     intensities = np.asarray(images.lights.intensities)
     samples = np.zeros(values.shape[:3], np.float32)
-    for rows in _bands(mask):
+    for rows in rows_in_bands(len(mask), 1, _ROWS):
         colours[rows] = _mean_colours(values[:, rows])
         _combine(values, rows, colours, None, images.noise, intensities, samples, enough)
     return samples, colours
-
-
-def _bands(mask: Bool) -> Iterator[slice]:
-    return (slice(top, top + _ROWS) for top in range(0, len(mask), _ROWS))
 
 
 def _mean_colours(values: Float32) -> Float64:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import CameraModel, DataError
+from acquisition.files import rows_in_bands
 from calibration import EstimateError
 from processing.maps.normal_map import NormalMap, check_normal_map
 from processing.surface.scale import surface_scale
@@ -28,8 +29,7 @@ _LEAST_NZ = 0.1
 _MOST_SCALE = 100.0
 
 
-@dataclass(frozen=True, eq=False)
-class _Planes:
+class _Planes(NamedTuple):
     """Planes ``value + right * x + up * y`` of C values around each pixel, x and y in pixels.
 
     Parameters
@@ -232,20 +232,19 @@ def curvature(
         scale_px=scale_px,
     )
     around = _reach(scale_px)
-    for top in range(0, normal_map.size[0], _ROWS):
-        rows = slice(top, min(top + _ROWS, normal_map.size[0]))
-        read = slice(max(top - around, 0), rows.stop + around)
+    for rows in rows_in_bands(normal_map.size[0], 1, _ROWS):
+        read = slice(max(rows.start - around, 0), rows.stop + around)
         normals = normal_map.normals[read]
         usable = normal_map.mask[read] & (normals[..., 2] > _LEAST_NZ)
         planes = _fit_planes(
             np.moveaxis(normals[..., :2], -1, 0).astype(np.float64), usable, scale_px
         )
         own = slice(rows.start - read.start, rows.stop - read.start)
-        planes = _Planes(*(part[..., own, :] for part in vars(planes).values()))
+        planes = _Planes._make(part[..., own, :] for part in planes)
         if depth is None or camera is None:
             steps = pixel_size * np.eye(2)[..., None, None]
         else:
-            steps = _surface_steps(camera, _unit(planes), depth[rows], top)
+            steps = _surface_steps(camera, _unit(planes), depth[rows], rows.start)
         _write(result, rows, planes, steps)
     if not result.mask.any():
         height, columns = normal_map.size

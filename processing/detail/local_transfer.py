@@ -20,6 +20,7 @@ from processing.detail.transfer_stage import scale_slopes
 from processing.maps.normal_map import NormalMap, check_normal_map
 from rig import Progress, in_threads, no_progress, pluralize
 from rig.arrays import Bool, Float32, Float64
+from rig.kernels import PART
 
 _ON_PIXEL = 1e-9
 _MOST_SCALE = 1000.0
@@ -137,7 +138,7 @@ class Similarity:
         return placed
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _weights(fraction: float, out: Float64) -> None:
     """Write the weights of the pixels at -1, 0, 1 and 2; exact for quadratic functions."""
     f = fraction
@@ -147,7 +148,7 @@ def _weights(fraction: float, out: Float64) -> None:
     out[3] = f * f * (-0.5 + 0.5 * f)
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _split(position: float) -> tuple[int, float]:
     """Return the integer and fractional part; remove rounding errors close to a pixel."""
     nearest = round(position)

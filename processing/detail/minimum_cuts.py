@@ -8,6 +8,7 @@ import numba
 import numpy as np
 
 from rig.arrays import Bool, Float32, Int64
+from rig.kernels import INLINED, PART
 
 Bands = tuple[int, int, int, int]
 
@@ -16,7 +17,7 @@ _FAST = {"contract"}
 _ACROSS = np.float32(4)
 
 
-@numba.njit(cache=True, fastmath=_FAST)
+@numba.njit(**INLINED, fastmath=_FAST)
 def _cut(old: Float32, new: Float32, cut: Int64) -> None:
     """Find the cut through a strip that is seen least, by dynamic programming.
 
@@ -56,7 +57,7 @@ def _cut(old: Float32, new: Float32, cut: Int64) -> None:
         cut[i] = j
 
 
-@numba.njit(cache=True)
+@numba.njit(**INLINED)
 def _keep(old: Float32, new: Float32, taken: Bool) -> None:
     """Mark the pixels of a strip before its cut as not taken."""
     cut = np.zeros(len(old), np.int64)
@@ -66,7 +67,7 @@ def _keep(old: Float32, new: Float32, taken: Bool) -> None:
             taken[i, j] = False
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _turned(part: Float32) -> Float32:
     """Return a copy with rows and columns exchanged; to compile ``transpose`` takes longer."""
     out = np.zeros((part.shape[1], part.shape[0], 3), np.float32)
@@ -77,7 +78,7 @@ def _turned(part: Float32) -> Float32:
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit(**INLINED)
 def taken_pixels(window: Float32, patch: Float32, bands: Bands) -> Bool:
     """Return which pixels of a window a patch replaces.
 

@@ -14,6 +14,7 @@ import numba
 import numpy as np
 
 from rig.arrays import Bool, Float32
+from rig.kernels import INLINED, PART
 
 _ROWS, _COLUMNS = 128, 512
 # Below this squared sine two vectors count as opposite: the rotation axis would be 0/0.
@@ -24,7 +25,7 @@ _CANCELLED = 1e-7
 _FAST = {"contract"}
 
 
-@numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
+@numba.njit(**INLINED, fastmath=_FAST, error_model="numpy")
 def _turn_row(vectors: Float32, poles: Float32, sign: float, out: Float32) -> None:
     """Rotate a flat row by the rotations from its poles to z (sign 1) or back (sign -1).
 
@@ -65,26 +66,26 @@ def turn(
         _turn_row(vectors[r], poles[r], sign, out[r])
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _mirrored(i: int, length: int) -> int:
     """Return an index outside the frame, mirrored about the outermost pixels."""
     i = abs(i) % (2 * length - 2)
     return i if i < length else 2 * length - 2 - i
 
 
-@numba.njit(cache=True, fastmath=_FAST)
+@numba.njit(**INLINED, fastmath=_FAST)
 def _scaled(a: Float32, k: np.float32, out: Float32) -> None:
     for i in range(out.size):
         out[i] = k * a[i]
 
 
-@numba.njit(cache=True, fastmath=_FAST)
+@numba.njit(**INLINED, fastmath=_FAST)
 def _add_pair(a: Float32, b: Float32, k: float, out: Float32) -> None:
     for i in range(out.size):
         out[i] += k * (a[i] + b[i])
 
 
-@numba.njit(cache=True, fastmath=_FAST)
+@numba.njit(**INLINED, fastmath=_FAST)
 def _add_four_pairs(
     a: Float32,
     b: Float32,
@@ -103,7 +104,7 @@ def _add_four_pairs(
         out[i] += k0 * (a[i] + b[i]) + k1 * (c[i] + d[i]) + k2 * (e[i] + f[i]) + k3 * (g[i] + h[i])
 
 
-@numba.njit(cache=True)
+@numba.njit(**INLINED)
 def _convolve(values: Float32, middle: int, step: int, kernel: Float32, out: Float32) -> None:
     """Smooth the values from index `middle` onwards; neighbouring pixels are `step` apart."""
     n, radius = out.size, kernel.size - 1
@@ -127,7 +128,7 @@ def _convolve(values: Float32, middle: int, step: int, kernel: Float32, out: Flo
         _add_pair(values[a : a + n], values[b : b + n], kernel[t], out)
 
 
-@numba.njit(cache=True)
+@numba.njit(**INLINED)
 def _across(
     image: Float32, width: int, kernel: Float32, top: int, bottom: int, left: int, right: int
 ) -> Float32:
@@ -153,14 +154,14 @@ def _across(
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit(**INLINED)
 def _down(smooth: Float32, r: int, kernel: Float32, out: Float32) -> None:
     """Smooth down the columns at row r of a tile."""
     middle = (r + kernel.size - 1) * out.size
     _convolve(smooth.reshape(-1), middle, out.size, kernel, out)
 
 
-@numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
+@numba.njit(**INLINED, fastmath=_FAST, error_model="numpy")
 def _direct_row(mean: Float32, normals: Float32, mask: Bool, out: Float32) -> None:
     """Normalise means to unit length; use the normal itself if the mean cancelled out."""
     for c in range(mask.size):
@@ -183,7 +184,7 @@ def tiles(mask: Bool) -> int:
     return int(-(-rows // _ROWS) * -(-columns // _COLUMNS))
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _tile(mask: Bool, number: int) -> tuple[int, int, int, int]:
     """Return the row and column limits of a tile, without rows if it is outside the mask."""
     over = -(-mask.shape[1] // _COLUMNS)
@@ -248,7 +249,7 @@ def gains(
                 out[r, c] = np.float32(1) / weight[c - left] if mask[r, c] else np.float32(0)
 
 
-@numba.njit(cache=True, fastmath=_FAST)
+@numba.njit(**INLINED, fastmath=_FAST)
 def _rest_row(rest: Float32, mean: Float32, gain: Float32, out: Float32) -> None:
     for c in range(gain.size):
         i = 3 * c

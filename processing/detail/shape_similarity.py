@@ -12,6 +12,7 @@ from acquisition import DataError
 from processing.maps.normal_map import NormalMap
 from rig import in_threads
 from rig.arrays import Bool, Float32, Float64
+from rig.kernels import PART
 
 # Below this squared sine a normal counts as opposite to z: its rotation axis would be 0/0.
 _OPPOSITE = 1e-30
@@ -72,7 +73,7 @@ def rotation_similarity(shape: NormalMap, w: int = 5) -> RotationSimilarity:
     return RotationSimilarity(math.degrees(mean[0]), *(float(value) for value in mean[1:]))
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _to_z(x: float, y: float, z: float, out: Float64) -> None:
     """Write the shortest rotation of a unit vector to z."""
     sine2 = x * x + y * y

@@ -161,7 +161,7 @@ def cells_of(values: Images, mask: Bool, points_mm: Float64 | SurfacePoints | No
         high = max(min(-(-high // size), (mask.shape[0] - top) // size), 1) * size
         wide = max(min(-(-wide // size), (mask.shape[1] - left) // size), 1) * size
         window = slice(top, top + high), slice(left, left + wide)
-        inside = _mean(mask[window].astype(np.float32), size) > _FULL
+        inside = block_mean(mask[window].astype(np.float32), size) > _FULL
         # Thin objects fill few cells: make the cells smaller.
         if size == smallest or 4 * np.count_nonzero(inside) * size**2 > area:
             break
@@ -171,11 +171,12 @@ def cells_of(values: Images, mask: Bool, points_mm: Float64 | SurfacePoints | No
         rows = np.arange(mask.shape[0])[window[0]][size // 2 :: size]
         of_rows = points_mm.of(rows) if isinstance(points_mm, SurfacePoints) else points_mm[rows]
         middle = np.ascontiguousarray(of_rows[:, window[1]][:, size // 2 :: size])
-    reduced = np.stack([_mean(image[window], size) for image in values])
+    reduced = np.stack([block_mean(image[window], size) for image in values])
     return Cells(reduced, inside, middle, size, (top, left))
 
 
-def _mean(image: Float32, size: int) -> Float32:
+def block_mean(image: Float32, size: int) -> Float32:
+    """Return the means over squares of an image that consists of complete ones."""
     if size == 1:
         return np.array(image)
     shape = (image.shape[1] // size, image.shape[0] // size)

@@ -15,6 +15,7 @@ from processing.maps.normal_map import NormalMap, check_normal_map
 from processing.maps.ssim_kernel import similarity_rows
 from rig import in_threads, short_repr
 from rig.arrays import Bool, Float32, Float64
+from rig.kernels import PART
 
 __all__ = ["AngularError", "angle_deg", "angular_error", "ssim"]
 
@@ -111,7 +112,7 @@ def angle_map_deg(a: Float32, b: npt.ArrayLike, mask: Bool) -> Float32:
     return angles
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _angles_of_row(a: Float32, b: Float32, mask: Bool, out: Float32) -> None:
     for c in range(mask.size):
         if not mask[c]:

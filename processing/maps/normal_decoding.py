@@ -197,11 +197,11 @@ def decode_normals(
     """
     height, width = pixels.shape[:2]
     bands = rows_in_bands(height, 12 * width, _BAND_BYTES)
-    stored = _stored(pixels, normals, bands)
-    integers = stored.finite is None
+    painted, finite, alpha = _stored(pixels, normals, bands)
+    integers = finite is None
     encoded, doubled, lacks_z = integers, False, False
     if not integers:
-        some = _some(normals, stored.drawn, bands)
+        some = _some(normals, painted, bands)
         # Encoded values are not negative. Vectors without z are not encoded.
         signed = bool((some < 0).any())
         lacks_z = signed and not some[:, 2].any()
@@ -211,8 +211,8 @@ def decode_normals(
         )
     notes: list[Notice] = []
     mask, share = None if given is None else given.inside, None
-    if stored.alpha is not None:
-        opacity = _share(stored.alpha)
+    if alpha is not None:
+        opacity = _share(alpha)
         if encoded and _is_premultiplied(normals, opacity, bands, doubled=doubled):
             share = opacity
         if given is None:
@@ -270,15 +270,17 @@ def decode_normals(
         )
     if pixels.dtype == np.uint8:
         notes.append(_eight_bits(file))
-    notes += _pixel_doubts(str(file), stored.finite, mask, known)
+    notes += _pixel_doubts(str(file), finite, mask, known)
     return known, [*notes, *seen.doubts(str(file))]
 
 
-class _Stored(NamedTuple):
-    """What is known of all pixels after their values were stored.
+def _stored(
+    pixels: PixelRows, normals: Float32 | BandFile, bands: list[slice]
+) -> tuple[Bool, Bool | None, AnyArray | None]:
+    """Write the values of an image: integers are decoded, floats are as they are.
 
-    Parameters
-    ----------
+    Returns
+    -------
     drawn
         ``(H, W)`` bool, pixels that are not 0.
     finite
@@ -286,14 +288,6 @@ class _Stored(NamedTuple):
     alpha
         ``(H, W)`` alpha channel of the file, or None.
     """
-
-    drawn: Bool
-    finite: Bool | None
-    alpha: AnyArray | None
-
-
-def _stored(pixels: PixelRows, normals: Float32 | BandFile, bands: list[slice]) -> _Stored:
-    """Write the values of an image: integers are decoded, floats are as they are."""
     size, integers = pixels.shape[:2], np.issubdtype(pixels.dtype, np.integer)
     most = np.iinfo(pixels.dtype).max if integers else 0
     # A table, because the samples of an image in float64 take much memory.
@@ -316,7 +310,7 @@ def _stored(pixels: PixelRows, normals: Float32 | BandFile, bands: list[slice]) 
         # A pixel of zeros is background in either reading and must not influence the choice.
         _clear(values, drawn[rows])
         normals[rows] = values
-    return _Stored(drawn, finite, alpha)
+    return drawn, finite, alpha
 
 
 def _some(normals: Float32 | BandFile, chosen: Bool, bands: list[slice]) -> Float32:

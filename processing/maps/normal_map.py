@@ -12,6 +12,7 @@ import numpy.typing as npt
 from acquisition import DataError
 from rig import check_type, in_threads, pluralize
 from rig.arrays import Bool, Float32, Floating, Generic, Int64
+from rig.kernels import PART
 
 # Vectors in half-float EXR files deviate from unit length by up to 8e-4.
 _UNIT_TOLERANCE = 1e-3
@@ -155,7 +156,7 @@ def directions(
                 normals[r, c, 2] = z / length
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _misfits(row: Float32, inside: Bool) -> int:
     count = 0
     for c in range(inside.size):

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final, Literal, NamedTuple
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -45,32 +47,29 @@ def read_npy(path: Path, max_numbers: int) -> AnyArray:
         If the file is not an array of integers or floats, is too large, or its size differs from
         the size that its header declares.
     """
-    try:
+    with readable(path, "array of numbers"):
         return _array(read_bounded(path, MAX_BINARY_BYTES), max_numbers)
-    except FileNotFoundError as error:
-        raise MissingPathError(f"{path}: no such file") from error
-    except UnreadableError as error:
-        raise DataError(f"{path}: not a readable array of numbers: {error}") from error
 
 
 def npy_shape(path: Path) -> tuple[int, ...]:
     """Return the shape that the header of a file states; raises as `read_npy`."""
+    with readable(path, "array of numbers"):
+        return _header(read_head(path, _MOST_HEADER)[0])[2]
+
+
+@contextmanager
+def readable(path: Path, what: str) -> Iterator[None]:
+    """Turn errors of a bounded reader into those that readers of files declare, as `read_npy`."""
     try:
-        return _header(read_head(path, _MOST_HEADER)[0]).shape
+        yield
     except FileNotFoundError as error:
         raise MissingPathError(f"{path}: no such file") from error
     except UnreadableError as error:
-        raise DataError(f"{path}: not a readable array of numbers: {error}") from error
+        raise DataError(f"{path}: not a readable {what}: {error}") from error
 
 
-class _Header(NamedTuple):
-    dtype: np.dtype[Any]
-    order: Literal["C", "F"]
-    shape: tuple[int, ...]
-    end: int
-
-
-def _header(data: bytes) -> _Header:
+def _header(data: bytes) -> tuple[np.dtype[Any], Literal["C", "F"], tuple[int, ...], int]:
+    """Return type, order, shape and length of the header of a file."""
     version, width = data[6:7], 2 if data[6:7] == b"\x01" else 4
     if data[:6] != _MAGIC or version not in (b"\x01", b"\x02", b"\x03"):
         raise UnreadableError("the file does not begin with the header of a .npy file")
@@ -88,7 +87,7 @@ def _header(data: bytes) -> _Header:
         name = {"c": "complex", "b": "bool", "O": "object"}.get(kind[1], kind)
         raise UnreadableError(f"elements of type {name}")
     sides = tuple(int(side) for side in re.findall(r"[0-9]+", shape[1][:60]))
-    return _Header(np.dtype(kind), "F" if order[1] == "True" else "C", sides, end)
+    return np.dtype(kind), "F" if order[1] == "True" else "C", sides, end
 
 
 def _array(data: bytes, max_numbers: int) -> AnyArray:

@@ -7,6 +7,7 @@ import numpy as np
 
 from rig import in_threads
 from rig.arrays import Bool, Float32, Float64
+from rig.kernels import PART
 
 _WINDOW, _SIGMA = 11, 1.5
 _REACH = _WINDOW // 2
@@ -47,7 +48,7 @@ def similarity_rows(
     return result
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _mirrored(index: int, count: int) -> int:
     """Return the index of the pixel that continues an image of this length beyond its ends."""
     if count == 1:
@@ -57,7 +58,7 @@ def _mirrored(index: int, count: int) -> int:
     return index if index < count else period - index
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _fill(
     a: Float32, b: Float32, drawn_a: Bool, drawn_b: Bool, inside: Bool, left: int, out: Float64
 ) -> None:
@@ -83,7 +84,7 @@ def _fill(
             out[5, i] = w
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _weighted(
     a: Float64,
     b: Float64,
@@ -107,7 +108,7 @@ def _weighted(
         out[n] = half + w6 * g[n] + w7 * h[n] + w8 * i[n] + w9 * j[n] + w10 * k[n]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(**PART, error_model="numpy")
 def _similarities(means: Float64, c1: float, c2: float, out: Float64) -> None:
     for i in range(out.size):
         share = means[5, i]

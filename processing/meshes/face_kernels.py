@@ -6,6 +6,7 @@ import numba
 import numpy as np
 
 from rig.arrays import Bool, Float32, Int32, Int64, UInt8
+from rig.kernels import PART
 
 # Kinds of triangles, by the corners of a square, a and b above d and e: a d b, b d e, a d e, a e b.
 KINDS = 4
@@ -68,7 +69,7 @@ def faces_of_kind(kinds: UInt8, inside: Bool, kind: int, first: int = 0) -> Int3
     return faces
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _distance2(vertices: Float32, one: int, other: int) -> np.float32:
     x = vertices[one, 0] - vertices[other, 0]
     y = vertices[one, 1] - vertices[other, 1]
@@ -76,7 +77,7 @@ def _distance2(vertices: Float32, one: int, other: int) -> np.float32:
     return np.float32(x * x + y * y + z * z)
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _square(
     parts: Int32, right: Bool, down: Bool, vertices: Float32, r: int, c: int, above: int, below: int
 ) -> tuple[bool, bool, bool, bool]:

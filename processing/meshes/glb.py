@@ -16,6 +16,7 @@ from rig.arrays import AnyArray, UInt8
 _METRES = 1e-3
 _VERTICES, _INDICES = 34962, 34963
 _FLOAT, _UNSIGNED = 5126, 5125
+_COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _CLAMP, _LINEAR = 33071, 9729
 
 
@@ -47,33 +48,27 @@ def glb(
     views: list[tuple[memoryview, int]] = []
     accessors: list[dict[str, Any]] = []
 
-    def add(array: AnyArray, target: int, **form: object) -> int:
-        flat = np.ascontiguousarray(array).reshape(-1)
-        views.append((flat.view(np.uint8).data, target))
-        accessors.append({"bufferView": len(views) - 1, **form})
+    def add(array: AnyArray, kind: str, **bounds: object) -> int:
+        indices = kind == "SCALAR"
+        flat = np.ascontiguousarray(array, "<i4" if indices else "<f4").reshape(-1)
+        views.append((flat.view(np.uint8).data, _INDICES if indices else _VERTICES))
+        form = {"componentType": _UNSIGNED if indices else _FLOAT, "type": kind}
+        count = flat.size // _COMPONENTS[kind]
+        accessors.append({"bufferView": len(accessors), **form, "count": count, **bounds})
         return len(accessors) - 1
 
-    vectors = {"componentType": _FLOAT, "type": "VEC3", "count": len(positions)}
     bounds = {"min": positions.min(axis=0).tolist(), "max": positions.max(axis=0).tolist()}
-    attributes = {
-        "POSITION": add(positions.astype("<f4", copy=False), _VERTICES, **vectors, **bounds)
-    }
+    attributes = {"POSITION": add(positions, "VEC3", **bounds)}
     if normals is not None:
-        for name, kind, vector in (
-            ("NORMAL", "VEC3", (0, 0, 1)),
-            ("TANGENT", "VEC4", (1, 0, 0, 1)),
-        ):
-            same = np.tile(np.array(vector, "<f4"), (len(positions), 1))
-            attributes[name] = add(same, _VERTICES, **(vectors | {"type": kind}))
+        attributes["NORMAL"] = add(np.tile([0, 0, 1], (len(positions), 1)), "VEC3")
+        attributes["TANGENT"] = add(np.tile([1, 0, 0, 1], (len(positions), 1)), "VEC4")
     elif mesh.normals is not None:
-        attributes["NORMAL"] = add(mesh.normals.astype("<f4", copy=False), _VERTICES, **vectors)
+        attributes["NORMAL"] = add(mesh.normals, "VEC3")
     images = [image for image in (texture, normals) if image is not None]
     if images and mesh.places is not None:
-        places = {"componentType": _FLOAT, "type": "VEC2", "count": len(positions)}
-        attributes["TEXCOORD_0"] = add(mesh.places.astype("<f4", copy=False), _VERTICES, **places)
-    scalars = {"componentType": _UNSIGNED, "type": "SCALAR", "count": mesh.faces.size}
+        attributes["TEXCOORD_0"] = add(mesh.places, "VEC2")
     primitive: dict[str, Any] = {"attributes": attributes}
-    primitive["indices"] = add(mesh.faces.astype("<i4", copy=False), _INDICES, **scalars)
+    primitive["indices"] = add(mesh.faces, "SCALAR")
     blobs: list[bytes | memoryview] = [data for data, _ in views]
     if images:
         primitive["material"] = 0

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from acquisition import DataError, MapRows
+from acquisition.files import rows_in_bands
 from processing.meshes.face_kernels import faces_of
 from processing.meshes.simplification import pixels_of, sampled, simplified
 from processing.stages.stage import NormalRows, size_of
@@ -141,8 +142,7 @@ def _vertices(height_map: HeightMap) -> Float32:
     mask = height_map.mask
     vertices = np.zeros((int(np.count_nonzero(mask)), 3), np.float32)
     begin = 0
-    for top in range(0, len(mask), _BAND):
-        rows = slice(top, min(top + _BAND, len(mask)))
+    for rows in rows_in_bands(len(mask), 1, _BAND):
         inside = height_map.points(rows)[mask[rows]]
         vertices[begin : begin + len(inside)] = inside
         begin += len(inside)

@@ -6,7 +6,7 @@ Every format is written directly from arrays. The same surface always gives the 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -15,16 +15,13 @@ from acquisition import DataError, MapRows, write_durably, write_png
 from acquisition.files import write_pieces
 from processing.meshes.glb import glb
 from processing.meshes.mesh import Mesh, check_cover, height_mesh
-from processing.meshes.mesh_pieces import Piece, PlyForm, stl_facets, stl_header
-from processing.meshes.mesh_rows import complete_mesh
+from processing.meshes.mesh_rows import MeshRows, complete_mesh, rows_of_mesh, rows_of_table
 from processing.stages.stage import NormalRows
 from processing.surface.height_map import HeightMap
 from rig import check_type
-from rig.arrays import Bool, Generic, UInt8
+from rig.arrays import Bool, Generic, UInt8, Void
 
-# Number of lines of a text, or of vertices and faces, that are encoded at once; it limits the
-# memory.
-_LINES = 1 << 16
+Piece = bytes | memoryview
 
 
 def write_mesh(
@@ -92,25 +89,24 @@ def write_mesh(
         )
     if normal_texture and normals is None:
         raise DataError(f"{path}: a texture of normals requires normals")
-    if mesh is None and suffix in (".ply", ".stl"):
-        check_cover(height_map.mask, normals, colours)
-        write_pieces(path, complete_mesh(height_map, suffix, normals, colours))
+    in_parts = {".ply": _ply, ".stl": _stl}
+    if suffix in in_parts:
+        if mesh is None:
+            check_cover(height_map.mask, normals, colours)
+            rows = complete_mesh(height_map, normals, colours)
+        else:
+            rows = rows_of_mesh(mesh)
+        write_pieces(path, in_parts[suffix](rows))
         return (path,)
-    if mesh is None:
-        mesh = height_mesh(height_map, normals=normals, colours=colours)
+    mesh = mesh or height_mesh(height_map, normals=normals, colours=colours)
     texture = None if colours is None else textured(colours[:], height_map.mask)
-    if suffix == ".obj" and texture is not None:
+    if suffix == ".glb":
+        bumps = _normal_samples(normals) if normal_texture and normals is not None else None
+        write_pieces(path, glb(mesh, texture, bumps))
+    elif texture is not None:
         return _write_textured_obj(path, mesh, texture)
-    encode: dict[str, Callable[[Mesh], Iterable[Piece]]]
-    encode = {".ply": _ply, ".obj": _obj, ".stl": _stl}
-    parts: Iterable[Piece]
-    if suffix != ".glb":
-        parts = encode[suffix](mesh)
-    elif normal_texture and normals is not None:
-        parts = glb(mesh, texture, _normal_samples(normals))
     else:
-        parts = glb(mesh, texture)
-    write_pieces(path, parts)
+        write_pieces(path, _obj(mesh))
     return (path,)
 
 
@@ -139,30 +135,47 @@ def _write_textured_obj(path: Path, mesh: Mesh, texture: UInt8) -> tuple[Path, .
     return path, material, image
 
 
-def _ply(mesh: Mesh) -> Iterator[Piece]:
-    normals, colours = mesh.normals, mesh.colours
-    form = PlyForm(mesh.unit, normals is not None, colours is not None)
-    yield form.header(len(mesh.vertices), len(mesh.faces))
-    for part in _rows(mesh.vertices):
-        yield form.vertices(
-            mesh.vertices[part],
-            None if normals is None else normals[part],
-            None if colours is None else colours[part],
-        )
-    for part in _rows(mesh.faces):
-        yield form.faces(mesh.faces[part])
+def _ply(mesh: MeshRows) -> Iterator[Piece]:
+    names = ["x", "y", "z", *(["nx", "ny", "nz"] if mesh.normals else [])]
+    header = ["ply", "format binary_little_endian 1.0", f"comment unit {mesh.unit}"]
+    header += [f"element vertex {mesh.vertex_count}"]
+    header += [f"property float {name}" for name in names]
+    kinds: list[tuple[str, str, tuple[int, ...]]] = [("floats", "<f4", (len(names),))]
+    if mesh.colours:
+        header += [f"property uchar {name}" for name in ("red", "green", "blue")]
+        kinds += [("colours", "u1", (3,))]
+    header += [f"element face {mesh.face_count}", "property list uchar int vertex_indices"]
+    yield "\n".join([*header, "end_header", ""]).encode("ascii")
+    for points, normals, colours in mesh.vertices:
+        rows = np.zeros(len(points), kinds)
+        rows["floats"][:, :3] = points
+        if normals is not None:
+            rows["floats"][:, 3:] = normals
+        if colours is not None:
+            rows["colours"] = colours
+        yield _bytes(rows)
+    for corners in mesh.faces:
+        faces = np.zeros(len(corners), [("count", "u1"), ("index", "<i4", (3,))])
+        faces["count"], faces["index"] = 3, corners
+        yield _bytes(faces)
 
 
-def _stl(mesh: Mesh) -> Iterator[Piece]:
-    yield stl_header(mesh.unit, len(mesh.faces))
-    for part in _rows(mesh.faces):
-        yield stl_facets(mesh.vertices[mesh.faces[part]])
+def _stl(mesh: MeshRows) -> Iterator[Piece]:
+    # The header must not begin with "solid": readers would take it for a text file.
+    yield f"binary triangle mesh, unit {mesh.unit}".encode().ljust(80)
+    yield mesh.face_count.to_bytes(4, "little")
+    for corners in mesh.facets:
+        cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        length = np.sqrt(np.einsum("ij,ij->i", cross, cross))[:, None]
+        kinds = [("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
+        facets = np.zeros(len(corners), kinds)
+        facets["normal"] = np.where(length > 0, cross / np.where(length > 0, length, 1), 0)
+        facets["corners"] = corners
+        yield _bytes(facets)
 
 
-def _rows(table: Generic) -> Iterator[slice]:
-    """Yield the rows of a table in parts: a copy of a large mesh would take much memory."""
-    for begin in range(0, len(table), _LINES):
-        yield slice(begin, begin + _LINES)
+def _bytes(rows: Void) -> memoryview:
+    return rows.view(np.uint8).data
 
 
 def _obj(mesh: Mesh, material: str | None = None) -> Iterator[Piece]:
@@ -179,13 +192,13 @@ def _obj(mesh: Mesh, material: str | None = None) -> Iterator[Piece]:
     if mesh.normals is not None:
         yield from _text("vn %.5g %.5g %.5g", mesh.normals)
         corner, width = ("%d//%d", 2) if width == 1 else ("%d/%d/%d", 3)
-    for part in _rows(mesh.faces):
+    for part in rows_of_table(mesh.faces):
         index = np.repeat(mesh.faces[part].astype(np.int64) + 1, width, axis=1)
         yield from _text(f"f {corner} {corner} {corner}", index)
 
 
 def _text(line: str, table: Generic) -> Iterator[bytes]:
     """Format the rows of a table, one line each."""
-    for part in _rows(table):
+    for part in rows_of_table(table):
         rows = table[part]
         yield ((line + "\n") * len(rows) % tuple(rows.ravel().tolist())).encode("ascii")

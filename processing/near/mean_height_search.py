@@ -7,12 +7,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
-import cv2
 import numpy as np
 
 from acquisition import Lights
 from calibration import EstimateError
 from processing.checks.strength_fit import fit_strengths
+from processing.images.block_means import block_mean
 from processing.images.recorded_images import Images
 from processing.images.viewing_rays import View
 from processing.noise.reference_solver import correlation_of_neighbours
@@ -21,7 +21,7 @@ from processing.stereo.light_model import LightModel
 from processing.stereo.method import Method
 from processing.stereo.solve import solve_maps
 from processing.stereo.stereo_maps import StereoMaps
-from rig import no_progress, short_repr
+from rig import no_progress
 from rig.arrays import Bool, Float32, Float64, Intp
 
 _STRENGTH_PIXELS = 250
@@ -30,8 +30,6 @@ _STRENGTH_TRIED = 13
 _ACCURACY = 1e-3
 # Light vectors change slowly: this many pixels, averages of blocks, show the shape well enough.
 _PIXELS = 60_000
-# Returns the costs ``(P, N)`` of samples if the surface is higher by some mm, under some lights.
-Costs = Callable[[float, Lights], Float64]
 # Pixels that show the mean height.
 _SAMPLED = 2500
 # The albedo and the normal of a pixel explain three samples at any height, and a fourth one hardly
@@ -141,32 +139,12 @@ def coarse_images(values: Images, mask: Bool, view: View) -> CoarseImages:
         factor -= 1
     small = view.downscaled(factor) if factor > 1 else view
     if factor > 1:
-        size = (width, height)
-        averages = np.zeros((len(values), height, width), np.float32)
-        for image, out in zip(values, averages, strict=True):
-            part = image[: height * factor, : width * factor]
-            # Averages of whole blocks; NaN spreads to its block.
-            cv2.resize(part, size, dst=out, interpolation=cv2.INTER_AREA)
+        # Averages of whole blocks; NaN spreads to its block.
+        window = slice(height * factor), slice(width * factor)
+        averages = np.stack([block_mean(image[window], factor) for image in values])
     else:
         averages = values if isinstance(values, np.ndarray) else values.stack().values
     return CoarseImages(averages, inside, small, *small.rays(), factor)
-
-
-@dataclass(frozen=True, eq=False)
-class CommonShift:
-    """The shift of all lights along Z with which images agree best.
-
-    Parameters
-    ----------
-    best_mm, sigma_mm
-        The shift and its standard deviation. It is a small part of the true one, because the
-        surface, which is bent under wrong lights, stays as it is.
-    """
-
-    best_mm: float
-    sigma_mm: float
-
-    __repr__ = short_repr
 
 
 def raised(lights: Lights, rise_mm: float) -> Lights:
@@ -174,41 +152,6 @@ def raised(lights: Lights, rise_mm: float) -> Lights:
     return replace(
         lights, positions_mm=np.asarray(lights.positions_mm) + np.array([0.0, 0.0, rise_mm])
     )
-
-
-def common_shift(costs: Costs, lights: Lights, step_mm: float) -> CommonShift:
-    """Estimate a shift of all lights together with a mean height, by one step of Newton.
-
-    Parameters
-    ----------
-    costs
-        Cost of each sample, 0 where it is missing, around a minimum of their sum.
-    lights
-        N lights with positions.
-    step_mm
-        Step of the differences.
-    """
-
-    def at(height: int, shift: int) -> Float64:
-        return costs(height * step_mm, raised(lights, shift * step_mm))
-
-    here, higher, lower, up, down = at(0, 0), at(1, 0), at(-1, 0), at(0, 1), at(0, -1)
-    mixed = np.sum(at(1, 1) + at(-1, -1) - at(1, -1) - at(-1, 1)) / 4
-    by_height, by_shift = (np.sum(pair - 2 * here) for pair in (higher + lower, up + down))
-    curvature = np.array([[by_height, mixed], [mixed, by_shift]]) / step_mm**2
-    if not (by_height > 0 and np.linalg.det(curvature) > 0):
-        return CommonShift(0.0, np.inf)
-    inverse = np.linalg.inv(curvature)
-    slopes = np.stack([higher - lower, up - down]) / (2 * step_mm)
-    best = -inverse @ slopes.sum(axis=(1, 2))
-    variances = []
-    # Between pixels by noise, between lights also by their errors, see `MeanHeightSearch`.
-    for axis in (1, 2):
-        of_one = slopes.sum(axis=axis)
-        free = max(of_one.shape[1] - 4, 1) / of_one.shape[1]
-        scatter = of_one - of_one.mean(axis=1, keepdims=True)
-        variances.append(float((inverse @ (scatter @ scatter.T / free) @ inverse)[1, 1]))
-    return CommonShift(float(best[1]), float(np.sqrt(max(variances))))
 
 
 class MeanHeightSearch:
@@ -301,14 +244,40 @@ class MeanHeightSearch:
         """Return the mean height of the pixels that show it."""
         return self._view.distance_mm - float(depth.reshape(-1)[self._pixels].mean())
 
-    def common_shift(self, depth: Float64) -> CommonShift:
-        """Return what a shift of all lights would do, at the surface that was found."""
+    def common_shift(self, depth: Float64) -> tuple[float, float]:
+        """Estimate a shift of all lights together with a mean height, by one step of Newton.
+
+        Returns
+        -------
+        tuple
+            The shift along Z with which images agree best, and its standard deviation. It is a
+            small part of the true one, because the surface, which is bent under wrong lights, stays
+            as it is.
+        """
         shape, height = depth.reshape(-1)[self._pixels], self.mean_height(depth)
-        return common_shift(
-            lambda rise, lights: self._costs(shape, height + rise, lights),
-            self.lights,
-            _SHIFT * self.light_distance_mm,
-        )
+        step_mm = _SHIFT * self.light_distance_mm
+
+        def at(rise: int, shift: int) -> Float64:
+            lights = raised(self.lights, shift * step_mm)
+            return self._costs(shape, height + rise * step_mm, lights)
+
+        here, higher, lower, up, down = at(0, 0), at(1, 0), at(-1, 0), at(0, 1), at(0, -1)
+        mixed = np.sum(at(1, 1) + at(-1, -1) - at(1, -1) - at(-1, 1)) / 4
+        by_height, by_shift = (np.sum(pair - 2 * here) for pair in (higher + lower, up + down))
+        curvature = np.array([[by_height, mixed], [mixed, by_shift]]) / step_mm**2
+        if not (by_height > 0 and np.linalg.det(curvature) > 0):
+            return 0.0, np.inf
+        inverse = np.linalg.inv(curvature)
+        slopes = np.stack([higher - lower, up - down]) / (2 * step_mm)
+        best = -inverse @ slopes.sum(axis=(1, 2))
+        variances = []
+        # Between pixels by noise, between lights also by their errors, see `MeanHeightSearch`.
+        for axis in (1, 2):
+            of_one = slopes.sum(axis=axis)
+            free = max(of_one.shape[1] - 4, 1) / of_one.shape[1]
+            scatter = of_one - of_one.mean(axis=1, keepdims=True)
+            variances.append(float((inverse @ (scatter @ scatter.T / free) @ inverse)[1, 1]))
+        return float(best[1]), float(np.sqrt(max(variances)))
 
     def _costs(self, shape: Float64, height: float, lights: Lights | None = None) -> Float64:
         """Return the cost of each sample ``(P, N)`` at a mean height, 0 where it is missing."""

@@ -15,7 +15,6 @@ from processing.images.recorded_images import Images
 from processing.images.viewing_rays import SurfacePoints, View
 from processing.near.mean_height_search import (
     CoarseImages,
-    CommonShift,
     MeanHeightSearch,
     coarse_images,
     raised,
@@ -190,7 +189,7 @@ def near_height(
             break
     warnings: tuple[Notice, ...] = ()
     if math.isfinite(sigma):
-        warnings = _doubts(search.common_shift(depth), search.light_distance_mm)
+        warnings = _doubts(*search.common_shift(depth), search.light_distance_mm)
         sigma = math.hypot(sigma, _common_sigma(search, depth, method))
     else:
         warnings = _contradiction(search, depth, method)
@@ -289,10 +288,9 @@ def _common_sigma(search: MeanHeightSearch, depth: Float64, method: Method) -> f
     return abs(change) / rise * float(np.sqrt(known.mean()))
 
 
-def _doubts(shift: CommonShift, light_distance: float) -> tuple[Notice, ...]:
+def _doubts(best: float, sigma: float, light_distance: float) -> tuple[Notice, ...]:
     """Return a notice if images would agree better under lights that are all higher or lower."""
-    best = shift.best_mm
-    if not abs(best) > max(_DOUBTFUL * shift.sigma_mm, _SLIGHT * light_distance):
+    if not abs(best) > max(_DOUBTFUL * sigma, _SLIGHT * light_distance):
         return ()
     text = (
         "the mean height may be wrong by more than its standard deviation: the images would agree "

@@ -130,7 +130,7 @@ def _light_errors(
         samples[6, k] = scratch[0, index[k]]
 
 
-@numba.njit(**IN_PLACE, error_model="numpy")
+@numba.njit(inline="always")
 def _pixel(
     values: Float32, vectors: Float32, law: Float32, start: Float64, least: np.float32,
     table: Float32, errors: bool, near: bool, point: Float64, view: Float64,
@@ -205,7 +205,7 @@ def _pixel(
     return True
 
 
-@numba.njit(**IN_PLACE, error_model="numpy")
+@numba.njit(inline="always")
 def _solve_row(
     first: int, last: int,
     values: Float32, vectors: Float32, law: Float32, normals: Float32, albedo: Float32,

@@ -96,7 +96,7 @@ class ReferenceSolver:
             self._near,
             self._points,
             self._view,
-            pixels,
+            np.ascontiguousarray(pixels),
             starts,
             kinds,
             counts,

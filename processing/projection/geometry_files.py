@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -25,15 +24,12 @@ _COARSE = 0.05
 _LEAST_REACH = 0.9
 
 
-class _WoundAlike(NamedTuple):
-    """Faces ``(F, 3)``, the number of reversed faces, and of edges with more than two faces."""
-
-    faces: Int32
-    turned: int
-    crowded: int
+def counted(code: str, what: str, count: int) -> list[Notice]:
+    """Return a notice about what was changed or left out, unless the number of it is 0."""
+    return [Notice(code, f"{what}: {count}")] if count else []
 
 
-def _wind_alike(faces: Int32) -> _WoundAlike:
+def _wind_alike(faces: Int32) -> tuple[Int32, int, int]:
     """Reverse faces whose winding is opposite to that of their neighbours.
 
     Normals that are blended over faces of opposite winding cancel out or point inwards. In each
@@ -46,19 +42,18 @@ def _wind_alike(faces: Int32) -> _WoundAlike:
 
     Returns
     -------
-    WoundAlike
-        The faces in their original order.
+    tuple
+        The faces in their original order, the number of reversed ones, and the number of edges with
+        more than two faces.
     """
     a, b, c = faces.T
     crowded, unlike = edge_faults(np.ascontiguousarray(faces, np.int32))
     if not unlike:
-        return _WoundAlike(faces, 0, crowded)
+        return faces, 0, crowded
     whole = np.flatnonzero((a != b) & (b != c) & (c != a))
     against = np.zeros(len(faces), np.bool_)
     against[whole] = _against(half_edges(faces[whole])[0], faces[whole].sum(axis=1, dtype=np.int64))
-    return _WoundAlike(
-        np.where(against[:, None], faces[:, ::-1], faces), int(against.sum()), crowded
-    )
+    return np.where(against[:, None], faces[:, ::-1], faces), int(against.sum()), crowded
 
 
 def _first_of_twins(faces: Int32) -> Bool:
@@ -231,10 +226,9 @@ def _mesh(mesh: MeshFile, faces: AnyArray) -> Geometry:
     normals = _corner_normals(mesh.normals, faces)
     if edge_faults(corners)[0]:
         single = _first_of_twins(corners)
-        if not single.all():
-            text = f"faces left out because they repeat others: {int((~single).sum())}"
-            warnings.append(Notice("faces-doubled", text))
-            corners, normals = corners[single], None if normals is None else normals[single]
+        text = "faces left out because they repeat others"
+        warnings += counted("faces-doubled", text, int((~single).sum()))
+        corners, normals = corners[single], None if normals is None else normals[single]
     wound = corners
     corners, turned, crowded = _wind_alike(wound)
     if normals is not None and turned:
@@ -246,9 +240,8 @@ def _mesh(mesh: MeshFile, faces: AnyArray) -> Geometry:
             "without repair"
         )
         warnings.append(Notice("mesh-not-manifold", text))
-    if turned:
-        text = f"faces reversed to match the winding of their neighbours: {turned}"
-        warnings.append(Notice("faces-reversed", text))
+    text = "faces reversed to match the winding of their neighbours"
+    warnings += counted("faces-reversed", text, turned)
     return Geometry(joined, corners, normals, (*warnings, *_coarse(joined)))
 
 
@@ -296,9 +289,8 @@ def _cloud(mesh: MeshFile) -> Geometry:
     points = mesh.vertices
     finite = np.isfinite(points).all(axis=1)
     warnings = list(mesh.warnings)
-    if not finite.all():
-        text = f"points left out because they are not finite: {int((~finite).sum())}"
-        warnings.append(Notice("points-not-finite", text))
+    text = "points left out because they are not finite"
+    warnings += counted("points-not-finite", text, int((~finite).sum()))
     if not finite.any():
         raise DataError("the point cloud has no finite point")
     normals = None if mesh.normals is None else mesh.normals[finite]

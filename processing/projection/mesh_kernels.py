@@ -6,6 +6,7 @@ import numba
 import numpy as np
 
 from rig.arrays import Bool, Float64, Int32, Int64, UInt64
+from rig.kernels import PART
 
 # Odd constants of which all bits are mixed (Steele et al., SplitMix64, 2014).
 _MIX_1, _MIX_2 = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
@@ -33,7 +34,7 @@ def joined_vertices(vertices: Float64, used: Bool) -> tuple[Int64, Int32]:
     return np.asarray(kept, np.int64), np.asarray(number, np.int32)
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _mixed(value: np.uint64) -> np.uint64:
     once = (value ^ (value >> np.uint64(30))) * _MIX_1
     twice = (once ^ (once >> np.uint64(27))) * _MIX_2
@@ -152,7 +153,7 @@ def _half_edges(faces: Int32, every: int, vertices: int) -> tuple[Int64, Int64]:
     return codes, places
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _sort(values: Int64) -> None:
     """Sort a few values in place; many by the library."""
     if len(values) > 32:

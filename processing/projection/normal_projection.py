@@ -15,9 +15,9 @@ from processing.projection.geometry_files import Geometry
 from processing.projection.point_cloud import draw_points, fit_surfels, too_few_points
 from processing.projection.rasterize import draw_mesh
 from processing.projection.rasterize_kernels import bounds, turned
-from processing.projection.view import Raster, fit_raster
+from processing.projection.view import fit_raster
 from rig import Notice, Progress, no_progress, short_repr
-from rig.arrays import Float32, Float64
+from rig.arrays import Float32
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +129,7 @@ def project(
         low, high = low - middle, high - middle
     normals = None if geometry.normals is None else geometry.normals @ turn.T
     if geometry.faces is not None:
-        raster = _raster(low, high, size, pixel_mm, camera)
+        raster = fit_raster(low, high, size, pixel_mm, camera)
         drawn = draw_mesh(
             points, geometry.faces, raster, smooth=smooth, given=normals, on_progress=on_progress
         )
@@ -141,7 +141,7 @@ def project(
             middle = (left[0] + left[1]) / 2 if centred else np.zeros(3)
             surfels = replace(surfels, points_mm=surfels.points_mm - middle)
             low, high = left[0] - middle, left[1] - middle
-        raster = _raster(low, high, size, pixel_mm, camera)
+        raster = fit_raster(low, high, size, pixel_mm, camera)
         on_progress("drawing points", 0, 1)
         drawn = draw_points(surfels, raster)
         on_progress("drawing points", 1, 1)
@@ -162,31 +162,3 @@ def project(
         pixel_mm=raster.pixel_mm,
         warnings=(*geometry.warnings, *drawn.warnings),
     )
-
-
-def _raster(
-    low_mm: Float64,
-    high_mm: Float64,
-    size: tuple[int, int] | None,
-    pixel_mm: float | None,
-    camera: CameraModel | None,
-) -> Raster:
-    if pixel_mm is not None and not (math.isfinite(pixel_mm) and pixel_mm > 0):
-        raise DataError(f"a pixel of {pixel_mm} mm is not a positive length")
-    if camera is None:
-        return fit_raster(low_mm, high_mm, size, pixel_mm)
-    if camera.working_distance_mm is None:
-        raise DataError(
-            "the camera has no working distance: add working_distance_mm to the camera file"
-        )
-    if pixel_mm is not None:
-        raise DataError(
-            f"a pixel size of {pixel_mm} mm and a camera at {camera.working_distance_mm} mm "
-            "exclude each other: give only one of them"
-        )
-    if size is not None and size != camera.size:
-        raise DataError(
-            f"an image of {size[1]} x {size[0]} pixels was requested for a camera of "
-            f"{camera.width} x {camera.height}: leave out the size"
-        )
-    return Raster(camera.size, camera.working_distance_mm / camera.focal_px, camera)

@@ -13,11 +13,13 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
 from calibration import EstimateError
+from processing.projection.geometry_files import counted
 from processing.projection.rasterize import NEAR_SHARE, Drawn
 from processing.projection.rasterize_kernels import BAND_ROWS, sort_into_bands
 from processing.projection.view import Raster
 from rig import Notice, Progress, in_threads, no_progress
 from rig.arrays import Bool, Float32, Float64, Int32, Int64, Intp
+from rig.kernels import PART
 
 # Smallest cosine between line of sight and normal that is used to intersect a disc: the
 # intersection of a grazing ray would be far away.
@@ -123,10 +125,8 @@ def fit_surfels(
         If there are fewer than three different points, or all points are on a line.
     """
     points, index = np.unique(points_mm, axis=0, return_index=True)
-    warnings = []
-    if len(points) < len(points_mm):
-        text = f"points left out because they are duplicates: {len(points_mm) - len(points)}"
-        warnings.append(Notice("points-duplicate", text))
+    text = "points left out because they are duplicates"
+    warnings = counted("points-duplicate", text, len(points_mm) - len(points))
     if len(points) < 3:
         raise too_few_points(len(points))
     count = min(neighbours, len(points))
@@ -157,13 +157,16 @@ def fit_surfels(
     along = np.flatnonzero(shape[:, 1] < _OF_LINES * shape[:, 2])
     if len(along) > _SHARE_OF_LINES * len(points):
         most = count
-        text = f"points in lines: {len(along)} of {len(points)}"
+        lines = len(along)
         while len(along) and 2 * most <= min(len(points), _MOST_NEIGHBOURS):
             most *= 2
             for begin in range(0, len(along), _CHUNK // 2):
                 fit(along[begin : begin + _CHUNK // 2], most)
             along = along[shape[along, 1] < _ACROSS_LINES * shape[along, 2]]
-        text += f"; their normals are fitted to up to {most} neighbours"
+        text = (
+            f"points in lines: {lines} of {len(points)}; their normals are fitted to up to {most} "
+            "neighbours"
+        )
         warnings.append(Notice("points-in-lines", text))
     if normals is not None:
         off_deg = _median_angle_deg(normals[index], fitted, shape)
@@ -181,16 +184,14 @@ def fit_surfels(
         sound[:] = True
     if not sound.any():
         raise EstimateError("all points are on a line: no normal can be fitted")
-    if not sound.all():
-        text = f"points left out because their neighbours are on a line: {int((~sound).sum())}"
-        warnings.append(Notice("points-on-a-line", text))
+    text = "points left out because their neighbours are on a line"
+    warnings += counted("points-on-a-line", text, int((~sound).sum()))
     radii = reach * math.sqrt(_POINTS_IN_DISC / count)
     radii = np.minimum(radii, _LARGEST_DISC * np.median(radii))
     isolated = _isolated(tree, reach, count)
-    if isolated.any():
-        text = f"points left out because they are far from all others: {int(isolated.sum())}"
-        warnings.append(Notice("points-isolated", text))
-        sound &= ~isolated
+    text = "points left out because they are far from all others"
+    warnings += counted("points-isolated", text, int(isolated.sum()))
+    sound &= ~isolated
     return Surfels(points[sound], fitted[sound], bends[sound], radii[sound], tuple(warnings))
 
 
@@ -289,9 +290,8 @@ def draw_points(surfels: Surfels, raster: Raster) -> Drawn:
     if raster.camera is not None:
         depth = raster.eye_mm - points[:, 2]
         before = depth > NEAR_SHARE * raster.eye_mm
-        if not before.all():
-            text = f"points left out because they are behind the camera: {int((~before).sum())}"
-            warnings.append(Notice("points-behind-camera", text))
+        text = "points left out because they are behind the camera"
+        warnings += counted("points-behind-camera", text, int((~before).sum()))
         if not before.any():
             raise EstimateError(
                 "all points are behind the camera: check the working distance and the unit"
@@ -416,7 +416,7 @@ def _carry(normals: Float64, before: Int64, order: Int64) -> None:
                     normals[i, axis] = -normals[i, axis]
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _meet(
     dx: float, dy: float, ray_x: float, ray_y: float, nx: float, ny: float, nz: float
 ) -> tuple[float, float]:
@@ -430,7 +430,7 @@ def _meet(
     return t, x * x + y * y + t * t
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _bent(
     bend: Float64, x: float, y: float, z: float, nx: float, ny: float, nz: float
 ) -> tuple[float, float, float]:

@@ -13,6 +13,7 @@ import numba
 import numpy as np
 
 from rig.arrays import Bool, Float32, Float64, Int16, Int32, Int64
+from rig.kernels import PART
 
 # Number of rows in a band, which one thread draws alone.
 BAND_ROWS = 32
@@ -96,7 +97,7 @@ def sound_faces(vertices: Float64, faces: Int32) -> Bool:
     return sound
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _cross(vertices: Float64, a: int, b: int, c: int) -> tuple[float, float, float]:
     ux, uy, uz = (
         vertices[b, 0] - vertices[a, 0],
@@ -111,7 +112,7 @@ def _cross(vertices: Float64, a: int, b: int, c: int) -> tuple[float, float, flo
     return uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _longest2(vertices: Float64, a: int, b: int, c: int) -> float:
     longest = 0.0
     for p, q in ((a, b), (b, c), (c, a)):
@@ -167,7 +168,7 @@ def sort_into_bands(first: Int16, last: Int16, bands: int) -> tuple[Int32, Int64
     return members, begin
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _least(dx: float, dy: float) -> float:
     """Return the smallest edge function of a covered pixel; top and left edges are covered."""
     return 0.0 if dy < 0 or (dy == 0 and dx > 0) else _NEXT_TO_ZERO

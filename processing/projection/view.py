@@ -184,17 +184,26 @@ class Raster:
 
 
 def fit_raster(
-    low_mm: Float64, high_mm: Float64, size: tuple[int, int] | None, pixel_mm: float | None
+    low_mm: Float64,
+    high_mm: Float64,
+    size: tuple[int, int] | None,
+    pixel_mm: float | None,
+    camera: CameraModel | None = None,
 ) -> Raster:
-    """Return the orthographic raster for an image size and a pixel size; None is fitted.
+    """Return the raster of a camera, or for an image size and a pixel size; None is fitted.
 
     ``low_mm`` and ``high_mm`` are the smallest and largest x, y, z of the object.
 
     Raises
     ------
     DataError
-        If the object has no extent in the image plane, or the image is too large.
+        If the object has no extent in the image plane, the image is too large, or the camera has no
+        working distance or excludes what else is given.
     """
+    if pixel_mm is not None and not (math.isfinite(pixel_mm) and pixel_mm > 0):
+        raise DataError(f"a pixel of {pixel_mm} mm is not a positive length")
+    if camera is not None:
+        return _raster_of(camera, size, pixel_mm)
     half_x, half_y = (max(-low, high) for low, high in zip(low_mm[:2], high_mm[:2], strict=True))
     if pixel_mm is None:
         if not max(half_x, half_y) > 0:
@@ -210,3 +219,21 @@ def fit_raster(
         )
         size = height_px, width_px
     return Raster(size, float(pixel_mm))
+
+
+def _raster_of(camera: CameraModel, size: tuple[int, int] | None, pixel_mm: float | None) -> Raster:
+    if camera.working_distance_mm is None:
+        raise DataError(
+            "the camera has no working distance: add working_distance_mm to the camera file"
+        )
+    if pixel_mm is not None:
+        raise DataError(
+            f"a pixel size of {pixel_mm} mm and a camera at {camera.working_distance_mm} mm "
+            "exclude each other: give only one of them"
+        )
+    if size is not None and size != camera.size:
+        raise DataError(
+            f"an image of {size[1]} x {size[0]} pixels was requested for a camera of "
+            f"{camera.width} x {camera.height}: leave out the size"
+        )
+    return Raster(camera.size, camera.working_distance_mm / camera.focal_px, camera)

@@ -20,6 +20,7 @@ import numpy as np
 
 from rig import in_threads
 from rig.arrays import Float32, Float64, UInt8
+from rig.kernels import PART
 
 # Shares of the pixels outside the ranges whose relations the six scales have; the best one counts.
 _OUTSIDE = (1e-5, 1e-4, 1e-3)
@@ -184,7 +185,7 @@ def _round(
                     break
 
 
-@numba.njit(nogil=True, cache=True)
+@numba.njit(**PART)
 def _nearest(place: Float64, scale: Float64, found: Float64) -> None:
     """Round the even coefficients so that the largest deviation over all lights is small."""
     smallest = np.inf
@@ -204,14 +205,14 @@ def _nearest(place: Float64, scale: Float64, found: Float64) -> None:
             found[0], found[3], found[4], found[5] = constant, a, b, c
 
 
-@numba.njit(nogil=True, cache=True)
+@numba.njit(**PART)
 def _extremes(a: float, b: float, c: float) -> tuple[float, float]:
     """Return the smallest and the largest value of ``a u² + b uv + c v²`` over all lights."""
     middle, half = (a + c) / 2, math.hypot((a - c) / 2, b / 2)
     return min(0.0, middle - half), max(0.0, middle + half)
 
 
-@numba.njit(nogil=True, cache=True)
+@numba.njit(**PART)
 def _largest(
     place: Float64, found: Float64, scale: Float64, bias: Float64, byte: float, exact: float
 ) -> float:

@@ -17,8 +17,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from acquisition import DataError, MissingPathError
+from acquisition import DataError
 from acquisition.files import write_pieces
+from processing.maps.npy_file import readable
 from processing.relight.ptm_bytes import ptm_bytes
 from processing.relight.relightable_image import RelightableImage
 from rig import MAX_PIXELS, UnreadableError, check_type, read_bounded
@@ -30,8 +31,7 @@ _TO_FILE: Final = [3, 5, 4, 1, 2, 0]
 _FROM_FILE: Final = [5, 3, 4, 0, 2, 1]
 _HEADER: Final = 4096
 _FIRST_LINES = re.compile(rb"(PTM_1\.[0-9])[ \t]*\r?\n(PTM_FORMAT_[A-Z_]{1,20})[ \t]*\r?\n")
-_NUMBER = re.compile(rb"\s*([-+.0-9eE]{1,40})(?=\s)")
-_LINE_END = re.compile(rb"[ \t]*\r?\n")
+_NUMBERS = re.compile(rb"((?:\s*[-+.0-9eE]{1,40}(?=\s)){14})[ \t]*\r?\n")
 _BYTES: Final = {"PTM_FORMAT_LRGB": 9, "PTM_FORMAT_RGB": 18}
 _WHITE = 255.0
 
@@ -94,7 +94,7 @@ def write_ptm(path: str | Path, image: RelightableImage) -> RelightableImage:
     tint = image.colour.reshape(-1, 3) if image.colour is not None else None
     made = ptm_bytes(functions, tint)
     blocks = list(made.samples.reshape(-1, height, width, 6)[..., _TO_FILE])
-    colour = made.colour.reshape(-1, height, width, 3)[0] if shared else None
+    blocks += list(made.colour.reshape(-1, height, width, 3)) if shared else []
     lines = [
         "PTM_1.2",
         "PTM_FORMAT_LRGB" if shared else "PTM_FORMAT_RGB",
@@ -104,15 +104,14 @@ def write_ptm(path: str | Path, image: RelightableImage) -> RelightableImage:
         " ".join(f"{round(bias)}" for bias in made.bias[_TO_FILE].tolist()),
     ]
     head = "".join(f"{line}\n" for line in lines).encode()
-    rows = [*blocks, *([] if colour is None else [colour])]
-    write_pieces(Path(path), [head, *(np.ascontiguousarray(b[::-1]).data for b in rows)])
+    write_pieces(Path(path), [head, *(np.ascontiguousarray(b[::-1]).data for b in blocks)])
     stored = made.samples.astype(np.float32)
     stored -= made.bias.astype(np.float32)
     stored *= made.scale.astype(np.float32)
     stored = stored.reshape(-1, height, width, 6)
-    if colour is None:
+    if not shared:
         return RelightableImage("ptm", np.moveaxis(stored, 0, -1))
-    return RelightableImage("ptm", stored[0], colour.astype(np.float32) / np.float32(_WHITE))
+    return RelightableImage("ptm", stored[0], blocks[-1].astype(np.float32) / np.float32(_WHITE))
 
 
 def read_ptm(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> RelightableImage:
@@ -147,14 +146,9 @@ def read_ptm(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> RelightableIm
     [[[1.0, 0.0, 0.0]]]
     """
     path = Path(path)
-    try:
+    with readable(path, "polynomial texture map"):
         data = read_bounded(path, MAX_BINARY_BYTES)
-        header = _header(data[:_HEADER])
-        return _image(data, header, max_pixels)
-    except FileNotFoundError as error:
-        raise MissingPathError(f"{path}: no such file") from error
-    except UnreadableError as error:
-        raise DataError(f"{path}: not a readable polynomial texture map: {error}") from error
+        return _image(data, _header(data[:_HEADER]), max_pixels)
 
 
 def _header(data: bytes) -> _Header:
@@ -167,21 +161,14 @@ def _header(data: bytes) -> _Header:
             f"{version} of the kind {kind}: only PTM_FORMAT_LRGB and PTM_FORMAT_RGB of version 1.1 "
             "and 1.2, without compression, are read"
         )
-    numbers: list[float] = []
-    at = first.end()
-    while len(numbers) < 14:
-        token = _NUMBER.match(data, at)
-        if token is None:
-            raise UnreadableError("its header is cut short or damaged")
-        numbers.append(_number(token[1]))
-        at = token.end()
-    end = _LINE_END.match(data, at)
-    if end is None:
+    found = _NUMBERS.match(data, first.end())
+    if found is None:
         raise UnreadableError("its header is cut short or damaged")
+    numbers = [_number(token) for token in found[1].split()]
     width, height = numbers[:2]
     if not (width.is_integer() and height.is_integer()):
         raise UnreadableError("its width or height is not a whole number")
-    return _Header(version, kind, int(width), int(height), numbers[2:8], numbers[8:], end.end())
+    return _Header(version, kind, int(width), int(height), numbers[2:8], numbers[8:], found.end())
 
 
 def _number(token: bytes) -> float:

@@ -60,7 +60,7 @@ def best(
     return solved_pixels(_solve_pixels, values, vectors, law, toward, triples)
 
 
-@numba.njit(**IN_PLACE, error_model="numpy")
+@numba.njit(inline="always")
 def _best_pixel(
     count: int, usable: Float32, known: bool, view: Float32, triples: Int64, bright: Float32,
     scratch: Float32, gram: Float64,
@@ -104,7 +104,7 @@ def _best_pixel(
     return True, x * length, y * length, z * length
 
 
-@numba.njit(nogil=True, cache=True)
+@numba.njit(nogil=True, cache=True, error_model="numpy")
 def _solve_pixels(
     first: int, last: int,
     values: Float32, vectors: Float32, law: Float32, known: bool, view: Float32, triples: Int64,

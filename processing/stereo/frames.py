@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from rig import in_threads
 from rig.arrays import AnyArray, Float32, Int64, Intp
+from rig.kernels import PART
 
 Flat = tuple[AnyArray, ...]
 
@@ -86,7 +87,7 @@ class Frames:
         values = np.zeros((len(pixels), len(self)), np.float32)
         in_threads(
             _gather, -(-len(pixels) // 256), self.flat, self.image_step, self.row_step, self.width,
-            self.gain, self.dark, self.limit, pixels, values,
+            self.gain, self.dark, self.limit, np.ascontiguousarray(pixels), values,
         )  # fmt: skip
         return values
 
@@ -115,7 +116,7 @@ def _gather(
                 _gather_image(flat[2][i * image_step :], at, shift, gain[i], limit, out)
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _gather_image(
     image: AnyArray, at: Int64, shift: Float32, gain: np.float32, limit: np.float32, out: Float32
 ) -> None:
@@ -124,7 +125,7 @@ def _gather_image(
         out[k] = (raw - shift[k]) * gain if raw < limit else np.float32(np.nan)
 
 
-@numba.njit()
+@numba.njit(**PART)
 def load_tile(
     flat: Flat, image_step: int, row_step: int, width: int,
     gain: Float32, dark: Float32, limit: np.float32, first: int, count: int, tile: Float32,
@@ -151,7 +152,7 @@ def load_tile(
         row, column = row + 1, 0
 
 
-@numba.njit()
+@numba.njit(**PART)
 def _load_row(
     raw: AnyArray, dark: Float32, gain: np.float32, limit: np.float32, out: Float32
 ) -> None:

@@ -53,7 +53,7 @@ def _sums(values: Float32, vectors: Float32) -> tuple[float, float, float, float
     return bx, by, bz, vv
 
 
-@numba.njit(**IN_PLACE)
+@numba.njit(inline="always")
 def _pixel(
     values: Float32, vectors: Float32, law: Float32, known: bool, inverse: Float64, usable: Float32,
     scratch: Float32,

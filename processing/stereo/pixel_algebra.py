@@ -16,6 +16,7 @@ from numba.core.options import DefaultOptions
 
 from rig import in_threads
 from rig.arrays import Float32, Float64
+from rig.kernels import INLINED
 
 _STEPS = 2
 # Samples beyond this many standard deviations are outliers, and at most this share may be.
@@ -42,12 +43,12 @@ MAX_CONDITION = 30.0
 _CONDITION2 = 9.0 * MAX_CONDITION**2
 # A matrix within the limit has a larger determinant, relative to its cubed trace.
 _LEAST_DETERMINANT = 1 / (3**3 * _CONDITION2**2)
-# Sums may be evaluated in any order, so that they vectorise; the order is the same in every run.
+# Sums may be evaluated in any order, so that they vectorise; see `INLINED`.
 ANY_ORDER = {"reassoc", "contract", "nsz"}
 # Options of functions of single pixels, which allocate nothing: otherwise numba counts references
 # to every row that they use, which takes up to half of their time. The option is not documented; a
 # numba without it is slower and gives the same results.
-IN_PLACE: dict[str, Any] = {"cache": True}
+IN_PLACE: dict[str, Any] = dict(INLINED)
 if hasattr(DefaultOptions, "_nrt"):
     IN_PLACE["_nrt"] = False
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from processing.stereo.frames import TILE
 from rig.arrays import Float32
+from rig.kernels import INLINED, PART
 
 # Compiled in: processing/stereo/frames.py 2d8f4408ee98
 
@@ -23,13 +24,13 @@ _FAST = {"contract", "nsz"}
 _LEAST_DETERMINANT = 1e-4
 
 
-@numba.njit(error_model="numpy")
+@numba.njit(**PART, error_model="numpy")
 def row(flat: Float32, first: int) -> Float32:
     """Return the row that begins at an index."""
     return flat[first : first + TILE]
 
 
-@numba.njit(fastmath=_FAST, error_model="numpy")
+@numba.njit(**INLINED, fastmath=_FAST, error_model="numpy")
 def add_six(out: Float32, flat: Float32, first: int, step: int, p: Float32) -> None:
     """Add six rows times the factors p; they begin at ``first``, each ``step`` after the last."""
     p0, p1, p2, p3, p4, p5 = p[0], p[1], p[2], p[3], p[4], p[5]
@@ -40,14 +41,14 @@ def add_six(out: Float32, flat: Float32, first: int, step: int, p: Float32) -> N
         out[k] += p0 * v0[k] + p1 * v1[k] + p2 * v2[k] + p3 * v3[k] + p4 * v4[k] + p5 * v5[k]
 
 
-@numba.njit(fastmath=_FAST, error_model="numpy")
+@numba.njit(**INLINED, fastmath=_FAST, error_model="numpy")
 def add_one(out: Float32, v: Float32, p: np.float32) -> None:
     """Add a row times a factor."""
     for k in range(TILE):
         out[k] += p * v[k]
 
 
-@numba.njit(fastmath=_FAST, error_model="numpy")
+@numba.njit(**INLINED, fastmath=_FAST, error_model="numpy")
 def add_four_squares(
     out: Float32,
     flat: Float32,
@@ -71,7 +72,7 @@ def add_four_squares(
         out[k] += r0 * r0 + r1 * r1 + r2 * r2 + r3 * r3
 
 
-@numba.njit(fastmath=_FAST, error_model="numpy")
+@numba.njit(**INLINED, fastmath=_FAST, error_model="numpy")
 def add_square(out: Float32, v: Float32, x: Float32, y: Float32, z: Float32, of: Float32) -> None:
     """Add the squared residuals of a row under the light vector ``of``."""
     a, b, c = of[0], of[1], of[2]
@@ -80,35 +81,35 @@ def add_square(out: Float32, v: Float32, x: Float32, y: Float32, z: Float32, of:
         out[k] += r * r
 
 
-@numba.njit(error_model="numpy")
+@numba.njit(**PART, error_model="numpy")
 def clear(out: Float32) -> None:
     """Write 0."""
     for k in range(TILE):
         out[k] = 0
 
 
-@numba.njit(error_model="numpy")
+@numba.njit(**PART, error_model="numpy")
 def multiply(out: Float32, by: Float32) -> None:
     """Multiply two rows."""
     for k in range(TILE):
         out[k] *= by[k]
 
 
-@numba.njit(fastmath=_FAST, error_model="numpy")
+@numba.njit(**INLINED, fastmath=_FAST, error_model="numpy")
 def add_products(out: Float32, a: Float32, b: Float32) -> None:
     """Add the products of two rows."""
     for k in range(TILE):
         out[k] += a[k] * b[k]
 
 
-@numba.njit(fastmath=_FAST, error_model="numpy")
+@numba.njit(**INLINED, fastmath=_FAST, error_model="numpy")
 def add_two_products(out: Float32, a: Float32, b: Float32, c: Float32, d: Float32) -> None:
     """Add the products of two pairs of rows."""
     for k in range(TILE):
         out[k] += a[k] * b[k] + c[k] * d[k]
 
 
-@numba.njit(fastmath=_FAST, error_model="numpy")
+@numba.njit(**INLINED, fastmath=_FAST, error_model="numpy")
 def subtract_scalar_product(
     out: Float32, a: Float32, b: Float32, c: Float32, x: Float32, y: Float32, z: Float32
 ) -> None:
@@ -117,7 +118,7 @@ def subtract_scalar_product(
         out[k] -= a[k] * x[k] + b[k] * y[k] + c[k] * z[k]
 
 
-@numba.njit(fastmath=_FAST, error_model="numpy")
+@numba.njit(**INLINED, fastmath=_FAST, error_model="numpy")
 def add_scalar_product(
     out: Float32, a: Float32, b: Float32, c: Float32, x: Float32, y: Float32, z: Float32
 ) -> None:
@@ -126,7 +127,7 @@ def add_scalar_product(
         out[k] += a[k] * x[k] + b[k] * y[k] + c[k] * z[k]
 
 
-@numba.njit(error_model="numpy")
+@numba.njit(**PART, error_model="numpy")
 def keep_measured(v: Float32, gain: Float32) -> None:
     """Set samples that are not finite, or without light, to 0, and their gain to 0, else to 1."""
     for k in range(TILE):
@@ -135,7 +136,7 @@ def keep_measured(v: Float32, gain: Float32) -> None:
         gain[k] = np.float32(1) if measured else np.float32(0)
 
 
-@numba.njit(fastmath=_FAST, error_model="numpy")
+@numba.njit(**INLINED, fastmath=_FAST, error_model="numpy")
 def irradiance(
     out: Float32, px: Float32, py: Float32, pz: Float32, position: Float32, axis: Float32,
     reference: float, mu: float,
@@ -160,14 +161,14 @@ def irradiance(
         out[k] *= full / (distance2 * np.sqrt(distance2))
 
 
-@numba.njit(fastmath=_FAST, error_model="numpy")
+@numba.njit(**INLINED, fastmath=_FAST, error_model="numpy")
 def toward(out: Float32, p: Float32, q: np.float32, gain: Float32) -> None:
     """Write one component of light vectors."""
     for k in range(TILE):
         out[k] = (q - p[k]) * gain[k]
 
 
-@numba.njit(error_model="numpy")
+@numba.njit(**PART, error_model="numpy")
 def invert(sums: Float32) -> None:
     """Replace the sums a00, a01, a02, a11, a12, a22 by the inverse; NaN if ill-conditioned."""
     for k in range(TILE):

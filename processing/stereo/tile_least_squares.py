@@ -29,6 +29,7 @@ from processing.stereo.tile_kernels import (
 )
 from rig import Progress
 from rig.arrays import Bool, Float32, Float64, Intp, UInt16
+from rig.kernels import INLINED, PART
 
 # Compiled in: processing/stereo/frames.py 2d8f4408ee98
 # Compiled in: processing/stereo/tile_kernels.py 8de22d575180
@@ -106,7 +107,7 @@ def tile_least_squares(
     return np.flatnonzero(left)
 
 
-@numba.njit(error_model="numpy")
+@numba.njit(**INLINED, error_model="numpy")
 def _shared_tile(
     flat: Float32, first: int, step: int, vectors: Float32, inverse: Float32, found: Float32
 ) -> None:
@@ -132,7 +133,7 @@ def _shared_tile(
         add_square(squares, row(flat, first + i * step), x, y, z, vectors[:, i])
 
 
-@numba.njit(error_model="numpy")
+@numba.njit(**INLINED, error_model="numpy")
 def _own_tile(of: Float32, sums: Float32, found: Float32) -> None:
     """Write the same as `_shared_tile`, where each pixel has its own light vectors.
 
@@ -162,7 +163,7 @@ def _own_tile(of: Float32, sums: Float32, found: Float32) -> None:
             add_products(found[3], of[3, i], of[3, i])
 
 
-@numba.njit(error_model="numpy")
+@numba.njit(**INLINED, error_model="numpy")
 def _vectors_of_tile(
     vectors: Float32, point: Float32, positions: Float32, axes: Float32, mu: Float32,
     reference: Float32, of: Float32, gain: Float32, count: Float32,
@@ -187,7 +188,7 @@ def _vectors_of_tile(
             multiply(of[a, i], gain)
 
 
-@numba.njit(error_model="numpy")
+@numba.njit(**PART, error_model="numpy")
 def _write(
     n: int, found: Float32, count: Float32, length: Float32, per: Float32, wanted: Bool,
     normals: Float32, albedo: Float32, residual: Float32, used: UInt16, left: Bool,
@@ -225,7 +226,7 @@ def _write(
     return missing
 
 
-@numba.njit(error_model="numpy")
+@numba.njit(**PART, error_model="numpy")
 def _any(wanted: Bool, first: int, last: int) -> bool:
     found = False
     for k in range(first, last):

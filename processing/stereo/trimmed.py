@@ -60,7 +60,7 @@ def _keep_the_middle(count: int, values: Float32, above: Float32, weight: Float3
         weight[k] = np.float32(1) if low < above[k] <= high else np.float32(0)
 
 
-@numba.njit(**IN_PLACE)
+@numba.njit(inline="always")
 def _trimmed_pixel(
     count: int, usable: Float32, known: bool, scratch: Float32
 ) -> tuple[bool, float, float, float]:

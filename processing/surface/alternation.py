@@ -69,15 +69,37 @@ class Alternated:
 
 @dataclass(frozen=True, eq=False)
 class Alternation:
-    """The rounds for one map of normals; parameters are those of `solve_with_jumps`."""
+    """The rounds for one map of normals.
+
+    Parameters
+    ----------
+    edges
+        Weights and steps of the chord rule, see `processing.surface.chord_rule`.
+    facing
+        ``(H+2, W+2)`` float32 cosine between normal and line of sight.
+    k
+        Sharpness of the sigmoid, in 1/px^2.
+    scale
+        Pixels for a step of 1: 1, or the focal length in pixels for logarithms of depths.
+    factors
+        ``(H+2, W+2)`` float32 factors of the weights of edges, from the deviations of normals.
+    held
+        Known heights.
+    start
+        ``(H+2, W+2)`` first surface; default: 0.
+    """
 
     edges: Edges
     facing: Float32
     k: float
-    scale: float
-    factors: Pair | None
-    held: Anchors | None
-    start: Float64 | None
+    scale: float = 1.0
+    factors: Pair | None = None
+    held: Anchors | None = None
+    start: Float64 | None = None
+
+    def shares(self, u: Float64) -> Pair:
+        """Return how much each pixel trusts its right (lower) neighbour on a surface."""
+        return kernels.shares(u, *self.edges[:2], self.facing, self.k, self.scale)
 
     def solved(self, even: tuple[Pair, Pair]) -> Alternated:
         """Compute surface and weights in turn; ``even``: factors of the first and last rounds."""
@@ -93,7 +115,7 @@ class Alternation:
         iterations, begin, width, final, least = 0, np.inf, np.inf, 0.0, 0.0
         for rounds in range(1, _ROUNDS + 1):
             if rounds > 1:
-                shares = kernels.shares(u, right, down, self.facing, self.k, self.scale)
+                shares = self.shares(u)
                 self._residuals(u, residuals)
                 usual, largest = self._spread(residuals)
                 begin = largest if rounds == 2 else begin

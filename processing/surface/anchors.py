@@ -8,7 +8,7 @@ import numpy as np
 
 from acquisition import DataError
 from processing.surface.grid_graph import apply_laplacian
-from processing.surface.multigrid import Solution, solve
+from processing.surface.multigrid import Solution, diagonal_of, solve
 from processing.surface.multigrid_kernels import add_anchors
 from processing.surface.prior import HeightPrior
 from processing.surface.prior_outliers import prior_outliers
@@ -127,8 +127,6 @@ def solve_anchored(
     held: Anchors,
     *,
     leave_out: bool,
-    tolerance: float = 1e-6,
-    max_iterations: int = 500,
     on_progress: Progress = no_progress,
 ) -> tuple[Solution, Float64, Anchors]:
     """Solve L u = b with and without anchors.
@@ -138,7 +136,7 @@ def solve_anchored(
 
     Parameters
     ----------
-    right, down, b, tolerance, max_iterations, on_progress
+    right, down, b, on_progress
         As for `processing.surface.multigrid.solve`, without anchors.
     labels
         ``(H+2, W+2)`` part of each pixel, -1 for a pixel without edges.
@@ -156,9 +154,7 @@ def solve_anchored(
     held
         The known heights that were used.
     """
-    first = solve(
-        right, down, b, tolerance=tolerance, max_iterations=max_iterations, on_progress=on_progress
-    )
+    first = solve(right, down, b, on_progress=on_progress)
     if leave_out:
         off = np.where(held.weights > 0, held.target - first.u, np.nan)
         outliers = prior_outliers(off, held.spread, labels)
@@ -179,19 +175,10 @@ def solve_anchored(
 
     u = free.copy()
     fixed = held.weights > 0
-    diagonal = right + down + held.weights
-    diagonal[:, 1:] += right[:, :-1]
-    diagonal[1:] += down[:-1]
+    diagonal = diagonal_of(right, down, held.weights)
     u[fixed] += residual(u)[fixed] / diagonal[fixed]
     left = residual(u)
-    change = solve(
-        right,
-        down,
-        left,
-        anchors=held.weights,
-        tolerance=tolerance,
-        max_iterations=max_iterations,
-    )
+    change = solve(right, down, left, anchors=held.weights)
     return (
         Solution(
             u + change.u,

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from processing.maps.normal_map import check_normal_rows
 from processing.stages.stage import NormalRows
 from processing.surface.integrability_test import Axes, Integrability, integrability
 from rig import Notice
-from rig.arrays import Float32, Float64
+from rig.arrays import Float32, Float64, Int64
 
 _EDGES = 20_000
 # Correct maps reach 2.3 degrees (simulated reliefs with one pixel for a detail), and with noise of
@@ -16,44 +18,51 @@ _EDGES = 20_000
 _LIMIT_DEG = 10.0
 
 
-class SampledSteps:
+class SomeSteps(NamedTuple):
     """Some steps between neighbouring pixels that the normals demand.
 
     Parameters
     ----------
-    right, down
-        ``(H+2, W+2)`` edge weights.
-    step_right, step_down
-        ``(H+2, W+2)`` steps along the edges.
+    here, there
+        Flat numbers of the pixels.
+    steps
+        The steps.
     """
 
-    def __init__(
-        self, right: Float32, down: Float32, step_right: Float64, step_down: Float64
-    ) -> None:
-        self._edges = []
-        for weights, steps, offset in (
-            (right, step_right, 1),
-            (down, step_down, right.shape[1]),
-        ):
-            edges = np.flatnonzero(weights)
-            # A copy, because a view would keep all of them in memory.
-            edges = edges[:: max(1, -(-len(edges) // _EDGES))].copy()
-            self._edges.append((edges, edges + offset, steps.ravel()[edges]))
+    here: Int64
+    there: Int64
+    steps: Float64
 
-    def disagreement_deg(self, u: Float64, scale: float) -> float:
-        """Return the median angle between the slopes of the normals and of the surface.
+    def of(self, u: Float64) -> Float64:
+        """Return the steps between the same pixels of a surface."""
+        return np.asarray(u.ravel()[self.there] - u.ravel()[self.here], np.float64)
 
-        Parameters
-        ----------
-        u
-            ``(H+2, W+2)`` the solution in the unit of the steps.
-        scale
-            Slope of a step of 1.
-        """
-        flat = u.ravel()
-        wanted = np.concatenate([step for _, _, step in self._edges])
-        found = np.concatenate([flat[there] - flat[here] for here, there, _ in self._edges])
-        return angle_between_deg(scale * wanted, scale * found)
+
+def some_steps(
+    right: Float32,
+    down: Float32,
+    step_right: Float64,
+    step_down: Float64,
+    every: int | None = None,
+) -> SomeSteps:
+    """Choose some of the steps along edges.
+
+    Parameters
+    ----------
+    right, down
+        ``(H, W)`` edge weights.
+    step_right, step_down
+        ``(H, W)`` steps along the edges.
+    every
+        Which share of the edges is used; the default leaves about 20,000 in each direction.
+    """
+    found = []
+    for weights, steps, offset in ((right, step_right, 1), (down, step_down, right.shape[1])):
+        edges = np.flatnonzero(weights)
+        here = edges[:: every or max(1, -(-len(edges) // _EDGES))]
+        here = here[here + offset < right.size]
+        found.append((here, here + offset, steps.ravel()[here]))
+    return SomeSteps(*(np.concatenate(each) for each in zip(*found, strict=True)))
 
 
 def angle_between_deg(slopes: Float64, others: Float64) -> float:

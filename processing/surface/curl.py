@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from acquisition import CameraModel, DataError, MapRows
-from acquisition.files import MapToFill
+from acquisition.files import MapToFill, rows_in_bands
 from processing.maps.normal_map import check_normal_rows
 from processing.stages.stage import NormalRows, size_of
 from processing.surface.chord_rule import ChordRule
@@ -104,10 +104,9 @@ def normal_curl(
     # Medians of all pixels: 4 bytes for each.
     sizes, ratios = np.zeros((2, rows * columns), np.float32)
     count = known = 0
-    for top in range(0, rows, _BAND):
-        band = slice(top, min(top + _BAND, rows))
+    for band in rows_in_bands(rows, 1, _BAND):
         # The curl of a row needs the next one.
-        both = slice(top, min(top + _BAND + 1, rows))
+        both = slice(band.start, min(band.stop + 1, rows))
         curl = np.full((band.stop - band.start, columns), np.nan, np.float32)
         found = _curl_between(normals[both], mask[both], both, camera)
         curl[: len(found), :-1] = found

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from acquisition import DataError, MapRows
-from acquisition.files import ComputedRows
+from acquisition.files import ComputedRows, rows_in_bands
 from rig.arrays import Bool, Float32
 
 # Of normals whose deviations are not known, relative to a prior.
@@ -52,14 +52,13 @@ def variances(
         )
     every = 1 if most is None else max(1, mask.size // most)
     largest, sample = 0.0, [np.zeros(0, np.float32)]
-    for top in range(0, len(mask), _BAND):
-        rows = slice(top, min(top + _BAND, len(mask)))
+    for rows in rows_in_bands(len(mask), 1, _BAND):
         band, inside = sigma_deg[rows], mask[rows]
         values = band[inside]
         if (values < 0).any() or np.isinf(values).any():
             raise DataError("standard deviations of normals are negative or infinite: give degrees")
         largest = max(largest, float(np.nanmax(values, initial=0)))
-        some = slice(-top % every, None, every)
+        some = slice(-rows.start % every, None, every)
         sample.append(band[some][inside[some]])
     together = np.concatenate(sample)
     middle = float(np.nanmedian(together)) if np.isfinite(together).any() else 0.0

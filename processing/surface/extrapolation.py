@@ -14,6 +14,7 @@ import numba
 import numpy as np
 
 from rig.arrays import Float32, Float64
+from rig.kernels import PART
 
 # Larger errors, in pixels, are those of jumps and folds, which more normals do not explain.
 _LARGEST_PX = 0.1
@@ -49,7 +50,7 @@ def extrapolate(
         )
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _chord(normals: Float32, rays: Float64, r: int, c: int, q: int, d: int) -> float:
     """Return the step between two pixels by the chord rule; NaN if it is seen from behind."""
     x = float(normals[r, c, 0]) + float(normals[q, d, 0])

@@ -11,9 +11,10 @@ import numba
 import numpy as np
 
 from rig.arrays import Float32, Float64, Int32
+from rig.kernels import PART
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _find(parent: Int32, node: int) -> int:
     while parent[node] != node:
         parent[node] = parent[parent[node]]

@@ -54,28 +54,6 @@ class HeightUncertainty:
         return replace(self, sigma=sigma)
 
 
-@dataclass(frozen=True, eq=False)
-class Deviations:
-    """Standard deviations of normals in each tangent direction, in radians.
-
-    Parameters
-    ----------
-    own
-        ``(H, W)`` float32, by errors that pixels do not share, such as noise.
-    common
-        ``(H, W)`` float32, by errors that all pixels share, such as those of the lights.
-    """
-
-    own: Float32
-    common: Float32
-
-    @classmethod
-    def split(cls, variance: Float32, common_deg: Float32) -> Deviations:
-        """Return them for variances in rad^2, of which some angle in degrees is common."""
-        common = np.minimum(np.square(np.radians(common_deg)) / 2, variance)
-        return cls(np.sqrt(variance - common), np.sqrt(common))
-
-
 def simulate_errors(
     normals: Float32,
     mask: Bool,
@@ -85,7 +63,8 @@ def simulate_errors(
     labels: Int32,
     *,
     factor: Float32 | float,
-    deviations: Deviations,
+    variances: Float32,
+    common_deg: Float32,
     variance: float,
     held: Anchors | None,
     on_progress: Progress,
@@ -108,8 +87,11 @@ def simulate_errors(
     factor
         Change of the height, in the unit of the surface, for a change of the solution of 1: a
         number, or ``(H, W)``.
-    deviations
-        Standard deviations of the normals.
+    variances
+        ``(H, W)`` variances of the normals in each tangent direction, in rad^2.
+    common_deg
+        ``(H, W)`` part of their deviations that all pixels share, such as errors of the lights; the
+        rest is not shared, such as noise.
     variance
         Variance of a normal for the weights of known heights, in rad^2.
     held
@@ -119,7 +101,8 @@ def simulate_errors(
     """
     inside = labels[1:-1, 1:-1] >= 0
     members = labels[1:-1, 1:-1][inside]
-    own, common = deviations.own[..., None], deviations.common[..., None]
+    shared = np.minimum(np.square(np.radians(common_deg)) / 2, variances)
+    own, common = np.sqrt(variances - shared)[..., None], np.sqrt(shared)[..., None]
     count = int(members.max()) + 1
     scales = np.broadcast_to(factor, mask.shape)[inside].astype(np.float64)
     totals = np.bincount(members, scales)
@@ -192,16 +175,14 @@ class _Pairs:
             every = 1 + len(first) // _MOST_PAIRS
             self._pairs.append((distance, first[::every], second[::every]))
         self._squares = np.zeros(len(self._pairs))
-        self._samples = 0
 
     def add(self, error: Float64) -> None:
         """Add the errors of one sample."""
         flat = error.ravel()
-        self._samples += 1
         for i, (_, first, second) in enumerate(self._pairs):
             self._squares[i] += np.mean(np.square(flat[second] - flat[first]))
 
     def deviations(self) -> tuple[tuple[int, ...], tuple[float, ...]]:
-        """Return the distances and the deviations of the differences."""
-        found = np.sqrt(self._squares / max(self._samples, 1))
+        """Return the distances and the deviations of the differences, after all samples."""
+        found = np.sqrt(self._squares / _SAMPLES)
         return tuple(pair[0] for pair in self._pairs), tuple(map(float, found))

@@ -9,19 +9,20 @@ import numpy as np
 from acquisition import CameraModel, DataError, MapRows
 from calibration import EstimateError
 from processing.maps.normal_map import NormalMap, check_normal_map
+from processing.surface.alternation import Alternation
 from processing.surface.anchors import anchors, doubts_of_prior, solve_anchored
 from processing.surface.chord_rule import ChordRule
-from processing.surface.consistency import SampledSteps, consistency_warning
+from processing.surface.consistency import angle_between_deg, consistency_warning, some_steps
 from processing.surface.edge_certainty import certainties, variances
 from processing.surface.grid_graph import divergence, label_parts
-from processing.surface.height_errors import Deviations, simulate_errors
+from processing.surface.height_errors import simulate_errors
 from processing.surface.height_map import HeightMap
 from processing.surface.integrability_test import integrability
 from processing.surface.jumps import SHARPNESS, solve_with_jumps
 from processing.surface.multigrid import solve
 from processing.surface.normal_turns import evenness
 from processing.surface.prior import HeightPrior
-from processing.surface.scale import check_view, placed, scale_of
+from processing.surface.scale import check_view, nothing_faces, placed, scale_of
 from processing.surface.surface_notices import doubts_of_parts, doubts_of_solution
 from rig import Progress, no_progress
 from rig.arrays import Bool, Float32
@@ -121,7 +122,14 @@ def integrate(
     """
     check_normal_map("normal_map", normal_map)
     scale = scale_of(camera, pixel_mm)
-    _check(normal_map, camera, pixel_mm, k, depth_mm, prior)
+    if not (math.isfinite(k) and k > 0):
+        raise DataError(f"a sharpness k of {k} is not positive: 4 is a good value")
+    check_view(normal_map.mask, camera, pixel_mm, depth_mm)
+    if prior is not None and prior.height.shape != normal_map.size:
+        raise DataError(
+            f"a prior of shape {prior.height.shape} does not fit a normal map of shape "
+            f"{normal_map.size}"
+        )
     rows_of, variance = variances(sigma_deg, normal_map.mask)
     relative: Float32 | None = None if rows_of is None else rows_of[:]
     if height_errors and relative is None:
@@ -136,7 +144,7 @@ def integrate(
     labels, count = label_parts(right, down)
     if count == 0:
         raise _nothing_to_integrate(inside, normal_map.size)
-    sampled = SampledSteps(right, down, step_right, step_down)
+    sampled = some_steps(right, down, step_right, step_down)
     held = None if prior is None else anchors(prior, labels, window, variance, scale)
     weights, factors = (right, down), None
     if relative is not None and weighted:
@@ -164,17 +172,9 @@ def integrate(
         solution = solve(*weights, b, on_progress=on_progress)
     del b
     if facing is not None and even is not None:
-        solution, jumps, weights = solve_with_jumps(
-            edges,
-            facing,
-            even,
-            k=k,
-            scale=scale.step_px,
-            factors=factors,
-            held=held,
-            start=None if held is None else solution.u,
-            on_progress=on_progress,
-        )
+        start = None if held is None else solution.u
+        problem = Alternation(edges, facing, k, scale.step_px, factors, held, start)
+        solution, jumps, weights = solve_with_jumps(problem, even, on_progress)
         jumps = jumps.placed(window, normal_map.size)
     parts = np.full(normal_map.size, -1, np.int32)
     parts[window] = labels[1:-1, 1:-1]
@@ -204,15 +204,15 @@ def integrate(
             weights,
             labels,
             factor=scale.pixel_size if depth is None else -depth[window],
-            deviations=Deviations.split(variance * relative[window], common),
+            variances=variance * relative[window],
+            common_deg=common,
             variance=variance,
             held=held,
             on_progress=on_progress,
         ).placed(window, normal_map.size)
     isolated = int(np.count_nonzero(normal_map.mask & ~mask))
-    angle_deg = sampled.disagreement_deg(
-        solution.u, scale.step_px if scale.distance is None else -scale.step_px
-    )
+    slope = scale.step_px if scale.distance is None else -scale.step_px
+    angle_deg = angle_between_deg(slope * sampled.steps, slope * sampled.of(solution.u))
     notices = [
         *doubts_of_parts(parts, isolated, jumps, None if prior is None else prior.known),
         *doubts_of_solution(solution),
@@ -254,35 +254,13 @@ def _common(common_sigma_deg: Float32 | float | None, size: tuple[int, int]) -> 
     return np.broadcast_to(np.nan_to_num(given), size)
 
 
-def _check(
-    normal_map: NormalMap,
-    camera: CameraModel | None,
-    pixel_mm: float | None,
-    k: float,
-    depth_mm: Float32 | None,
-    prior: HeightPrior | None,
-) -> None:
-    """Raise `DataError` if inputs do not fit."""
-    if not (math.isfinite(k) and k > 0):
-        raise DataError(f"a sharpness k of {k} is not positive: 4 is a good value")
-    check_view(normal_map.mask, camera, pixel_mm, depth_mm)
-    if prior is not None and prior.height.shape != normal_map.size:
-        raise DataError(
-            f"a prior of shape {prior.height.shape} does not fit a normal map of shape "
-            f"{normal_map.size}"
-        )
-
-
 def _nothing_to_integrate(inside: Bool, size: tuple[int, int]) -> EstimateError:
     if not (inside[1:] & inside[:-1]).any() and not (inside[:, 1:] & inside[:, :-1]).any():
         return EstimateError(
             f"no two pixels of the normal map of {size[1]} x {size[0]} are neighbours, so there is "
             "nothing to integrate: use a larger map, or check its mask"
         )
-    return EstimateError(
-        "no two neighbouring pixels of the normal map face the camera, so there is nothing to "
-        "integrate: check the axes of the map (Z toward the camera) and its mask"
-    )
+    return nothing_faces()
 
 
 def _bounding_box(mask: Bool) -> tuple[slice, slice]:

@@ -11,6 +11,7 @@ import numba
 import numpy as np
 
 from rig.arrays import Float32, Float64
+from rig.kernels import PART
 
 # Beyond this exponent, a share is 0 or 1 in float32.
 _LARGEST_EXPONENT = 50.0
@@ -18,7 +19,7 @@ _LARGEST_EXPONENT = 50.0
 _LEAST = 0.03
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _share(exponent: float) -> float:
     limited = min(max(exponent, -_LARGEST_EXPONENT), _LARGEST_EXPONENT)
     return 1 / (1 + math.exp(-limited))

@@ -15,8 +15,7 @@ from typing import Final
 import numpy as np
 
 from processing.surface import jump_kernels as kernels
-from processing.surface.alternation import TOLERANCE, Alternation, Edges
-from processing.surface.anchors import Anchors
+from processing.surface.alternation import TOLERANCE, Alternation
 from processing.surface.grid_graph import label_parts
 from processing.surface.multigrid import Solution
 from rig import Progress, no_progress, short_repr
@@ -88,15 +87,8 @@ class Jumps:
 
 
 def solve_with_jumps(
-    edges: Edges,
-    facing: Float32,
+    problem: Alternation,
     even: tuple[Float32, Float32],
-    *,
-    k: float,
-    scale: float = 1.0,
-    factors: tuple[Float32, Float32] | None = None,
-    held: Anchors | None = None,
-    start: Float64 | None = None,
     on_progress: Progress = no_progress,
 ) -> tuple[Solution, Jumps, tuple[Float32, Float32]]:
     """Compute the surface and the weights of its edges in turn, from two starts.
@@ -106,23 +98,11 @@ def solve_with_jumps(
 
     Parameters
     ----------
-    edges
-        Weights and steps of the chord rule, see `processing.surface.chord_rule`.
-    facing
-        ``(H+2, W+2)`` float32 cosine between normal and line of sight.
+    problem
+        The normals, as steps between pixels.
     even
         ``(H+2, W+2)`` float32 weights of the edges by the turn of the normals, see
         `processing.surface.normal_turns`.
-    k
-        Sharpness of the sigmoid, in 1/px^2.
-    scale
-        Pixels for a step of 1: 1, or the focal length in pixels for logarithms of depths.
-    factors
-        ``(H+2, W+2)`` float32 factors of the weights of edges, from the deviations of normals.
-    held
-        Known heights.
-    start
-        ``(H+2, W+2)`` first surface; default: 0.
     on_progress
         Receives the stage ``integrating``, in percent.
 
@@ -137,7 +117,6 @@ def solve_with_jumps(
     """
     on_progress("integrating", 0, 100)
     indifferent = np.ones_like(even[0]), np.ones_like(even[1])
-    problem = Alternation(edges, facing, k, scale, factors, held, start)
     first = problem.solved((indifferent, indifferent))
     on_progress("integrating", 50, 100)
     second = problem.solved((even, indifferent))
@@ -148,12 +127,12 @@ def solve_with_jumps(
     # That the rounds end before the surface stands still is reported by the jumps.
     converged = found.relative_residual <= TOLERANCE
     solution = Solution(found.u, iterations, found.relative_residual, converged=converged)
-    right, down = edges[:2]
-    shares = kernels.shares(found.u, right, down, facing, k, scale)
+    right, down = problem.edges[:2]
+    shares = problem.shares(found.u)
     trust = np.zeros_like(right), np.zeros_like(down)
     for axis in (0, 1):
         kernels.trust((right, down)[axis], shares[axis], axis, trust[axis])
-    maps = _judged(scale * found.u, (right, down), trust)
+    maps = _judged(problem.scale * found.u, (right, down), trust)
     settled = found.last_change < _SETTLED_PX
     jumps = Jumps(*maps, found.rounds, found.last_change, settled=settled)
     return solution, jumps, found.weights

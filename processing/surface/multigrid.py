@@ -10,6 +10,7 @@ Gauss-Seidel smoothing, the conjugate gradients use float64.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -170,6 +171,17 @@ class _Lanczos:
         return float(found[0])
 
 
+# Kernels that begin, smooth, restrict and prolong.
+_Loops = tuple[Callable[..., None], ...]
+_PARALLEL: _Loops = (kernels.begin, kernels.smooth, kernels.restrict, kernels.prolong)
+_SERIAL: _Loops = (
+    kernels.begin_serial,
+    kernels.smooth_serial,
+    kernels.restrict_serial,
+    kernels.prolong_serial,
+)
+
+
 @dataclass(frozen=True, eq=False)
 class _Level:
     """One grid: weights, inverse diagonal, and buffers for unknowns and right-hand side."""
@@ -180,7 +192,7 @@ class _Level:
     inverse: Float32
     x: Float32
     b: Float32
-    serial: bool
+    loops: _Loops
     # Pseudo-inverse of the Laplacian on the inner pixels; only on the coarsest level.
     dense: Float32 | None
 
@@ -194,15 +206,16 @@ def coarsened(right: Float32, down: Float32, anchors: Float32 | None = None) -> 
     while True:
         inner = (right.shape[0] - 2) * (right.shape[1] - 2)
         last = inner <= _COARSEST_PIXELS
+        diagonal = diagonal_of(right, down, anchors)
         levels.append(
             _Level(
                 right,
                 down,
                 anchors,
-                _inverse_diagonal(right, down, anchors),
+                np.divide(1, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0),
                 np.zeros_like(right),
                 np.zeros_like(right),
-                inner < _SERIAL_PIXELS,
+                _SERIAL if inner < _SERIAL_PIXELS else _PARALLEL,
                 _pseudo_inverse(right, down, anchors) if last else None,
             )
         )
@@ -217,11 +230,7 @@ def _cycle(levels: list[_Level], residual: Float64) -> Float32:
     """Return the correction of one V-cycle for a residual; the operator is symmetric positive."""
     levels[0].b[...] = residual
     for fine, coarse in pairwise(levels):
-        begin, smooth, restrict = (
-            (kernels.begin_serial, kernels.smooth_serial, kernels.restrict_serial)
-            if fine.serial
-            else (kernels.begin, kernels.smooth, kernels.restrict)
-        )
+        begin, smooth, restrict, _ = fine.loops
         begin(fine.inverse, fine.b, fine.x)
         for colour in ((0, 1) * _SWEEPS)[1:]:
             smooth(fine.right, fine.down, fine.inverse, fine.b, fine.x, colour)
@@ -236,11 +245,7 @@ def _cycle(levels: list[_Level], residual: Float64) -> Float32:
         inner = last.b[1:-1, 1:-1]
         last.x[1:-1, 1:-1] = (last.dense @ inner.ravel()).reshape(inner.shape)
     for fine, coarse in zip(levels[-2::-1], levels[:0:-1], strict=True):
-        smooth, prolong = (
-            (kernels.smooth_serial, kernels.prolong_serial)
-            if fine.serial
-            else (kernels.smooth, kernels.prolong)
-        )
+        _, smooth, _, prolong = fine.loops
         prolong(coarse.x, fine.inverse, fine.x)
         # The reverse order of colours makes the cycle symmetric, which conjugate gradients require.
         for colour in (1, 0) * _SWEEPS:
@@ -278,11 +283,11 @@ def _pseudo_inverse(right: Float32, down: Float32, anchors: Float32 | None) -> F
     return np.asarray(inverse, np.float32)
 
 
-def _inverse_diagonal(right: Float32, down: Float32, anchors: Float32 | None) -> Float32:
+def diagonal_of(right: Float32, down: Float32, anchors: Float32 | None) -> Float32:
+    """Return the diagonal of L + A."""
     diagonal = right + down
     if anchors is not None:
         diagonal += anchors
     diagonal[:, 1:] += right[:, :-1]
     diagonal[1:] += down[:-1]
-    inverse: Float32 = np.divide(1, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0)
-    return inverse
+    return diagonal

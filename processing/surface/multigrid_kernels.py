@@ -10,6 +10,7 @@ import numba
 import numpy as np
 
 from rig.arrays import Float32, Float64
+from rig.kernels import PART
 
 
 @numba.njit(cache=True)
@@ -36,7 +37,7 @@ def aggregate(right: Float32, down: Float32) -> tuple[Float32, Float32]:
 # levels and a serial driver for coarse levels.
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _smooth_row(
     right: Float32, down: Float32, inverse: Float32, b: Float32, x: Float32, r: int, first: int
 ) -> None:
@@ -50,7 +51,7 @@ def _smooth_row(
         )
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _begin_row(inverse: Float32, b: Float32, x: Float32, r: int) -> None:
     for c in range(1, x.shape[1] - 1):
         x[r, c] = inverse[r, c] * b[r, c] if (r + c) % 2 else 0
@@ -88,7 +89,7 @@ def begin_serial(inverse: Float32, b: Float32, x: Float32) -> None:
         _begin_row(inverse, b, x, r)
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _residual_at(right: Float32, down: Float32, b: Float32, x: Float32, r: int, c: int) -> float:
     here = x[r, c]
     residual: float = (
@@ -101,7 +102,7 @@ def _residual_at(right: Float32, down: Float32, b: Float32, x: Float32, r: int, 
     return residual
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _restrict_row(
     right: Float32, down: Float32, b: Float32, x: Float32, coarse: Float32, R: int
 ) -> None:
@@ -135,7 +136,7 @@ def restrict_serial(right: Float32, down: Float32, b: Float32, x: Float32, coars
         _restrict_row(right, down, b, x, coarse, R)
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _prolong_row(coarse: Float32, inverse: Float32, x: Float32, r: int) -> None:
     for c in range(1, x.shape[1] - 1):
         # Pixels without edges remain 0.

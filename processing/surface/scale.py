@@ -13,7 +13,7 @@ from calibration import EstimateError
 from rig.arrays import Bool, Float64, Int32
 
 # A depth that varies by more than this factor cannot be a surface in front of a camera.
-DEPTH_RANGE = 1e6
+_DEPTH_RANGE = 1e6
 # Values that are read at once.
 _READ = 4_000_000
 
@@ -146,14 +146,27 @@ def placed(u: Float64, members: Int32, near: Float64 | None, held: Bool, scale: 
         raised = 0 if near is None else -part_means(near, members)
         own = np.where(held, 0, raised - scale.pixel_size * mean)
         return np.asarray(scale.pixel_size * u + own[members], np.float64)
-    if np.abs(u - mean[members]).max() > math.log(DEPTH_RANGE):
-        raise EstimateError(
-            f"the depth would vary by more than a factor of {DEPTH_RANGE:g}: the camera matrix "
-            "does not belong to this normal map, or the axes of the map are wrong"
-        )
+    check_depth_range(u - mean[members])
     depths = np.exp(u - np.where(held, 0, mean)[members])
     wanted = scale.distance if near is None else part_means(near, members)
     return np.asarray(depths * np.where(held, 1, wanted / part_means(depths, members))[members])
+
+
+def check_depth_range(u: Float64) -> None:
+    """Refuse logarithms of depths, relative to their mean, that vary too much."""
+    if np.abs(u).max(initial=0) > math.log(_DEPTH_RANGE):
+        raise EstimateError(
+            f"the depth would vary by more than a factor of {_DEPTH_RANGE:g}: the camera matrix "
+            "does not belong to this normal map, or the axes of the map are wrong"
+        )
+
+
+def nothing_faces() -> EstimateError:
+    """Return the error about a map whose normals give no step."""
+    return EstimateError(
+        "no two neighbouring pixels of the normal map face the camera, so there is nothing to "
+        "integrate: check the axes of the map (Z toward the camera) and its mask"
+    )
 
 
 def part_means(values: Float64, members: Int32) -> Float64:

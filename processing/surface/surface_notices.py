@@ -6,7 +6,7 @@ import numpy as np
 
 from processing.surface.jumps import Jumps
 from processing.surface.multigrid import Solution
-from rig import Notice
+from rig import Notice, pluralize
 from rig.arrays import Bool, Int32
 
 
@@ -67,12 +67,11 @@ def parts_notices(count: int, isolated: int, held: int = 0) -> list[Notice]:
         )
         warnings.append(Notice("surface-in-parts", text))
     if isolated:
-        one = "1 pixel of the mask is isolated or faces away from the camera and has no height"
-        many = (
-            f"{isolated} pixels of the mask are isolated or face away from the camera and have no "
-            "height"
+        text = pluralize(
+            isolated,
+            "pixel of the mask is isolated or faces away from the camera and has no height",
+            "pixels of the mask are isolated or face away from the camera and have no height",
         )
-        text = one if isolated == 1 else many
         warnings.append(Notice("pixels-without-height", text))
     return warnings
 

@@ -8,6 +8,7 @@ import numba
 import numpy as np
 
 from rig.arrays import Float32
+from rig.kernels import PART
 
 # More samples per axis of a footprint do not change its mean visibly.
 _MOST_SAMPLES = 8
@@ -16,7 +17,7 @@ _MOST_GAIN = 1.5
 _ROUNDS = 3
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _summed(steps: Float32, out: Float32, down_first: bool) -> None:
     """Add half of the sums of steps from the centre of a patch, along one axis, then the other."""
     size, middle = steps.shape[0], steps.shape[0] // 2
@@ -42,7 +43,7 @@ def _summed(steps: Float32, out: Float32, down_first: bool) -> None:
                 out[r, c, k] += here[r, c, k] / 2
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def patch_map(steps: Float32, turn: Float32) -> tuple[Float32, Float32, Float32]:
     """Return the map of a patch.
 
@@ -105,7 +106,7 @@ def _weights(t: float) -> tuple[float, float, float, float]:
     return -t * s * s / 2, 1 + t * t * (3 * t - 5) / 2, 1 + s * s * (3 * s - 5) / 2, -s * t * t / 2
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _interpolated(vectors: Float32, y: float, x: float, out: Float32) -> None:
     """Add the cubic interpolation of a map to a vector; its border continues it."""
     rows, columns = vectors.shape[0], vectors.shape[1]
@@ -128,7 +129,7 @@ def _angle(vector: Float32) -> float:
     return math.atan2(math.sqrt(vector[0] * vector[0] + vector[1] * vector[1]), vector[2])
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _make_as_steep(patch: Float32, vectors: Float32, y: int, x: int, offsets: Float32) -> None:
     """Multiply the slopes of a patch so that its mean angle is that of its nearest pixels."""
     size, wanted, gain = patch.shape[0], 0.0, 1.0
@@ -155,7 +156,7 @@ def _make_as_steep(patch: Float32, vectors: Float32, y: int, x: int, offsets: Fl
                 patch[r, c, 2] /= length
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def sampled(
     vectors: Float32, y: int, x: int, offsets: Float32, jacobian: Float32, turned: Float32
 ) -> Float32:

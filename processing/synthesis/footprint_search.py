@@ -10,6 +10,7 @@ import numpy as np
 
 from processing.synthesis.patch_search import GOLDEN, GROUND, REFINED, STEPS, mixed
 from rig.arrays import Float32, Float64, Int32
+from rig.kernels import INLINED, PART
 
 # Compiled in: processing/synthesis/patch_search.py 525035d142dc
 
@@ -74,7 +75,7 @@ class Wanted(NamedTuple):
     guide_offsets: Int32
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _fits(places: Places, copy: int, y: int, x: int, box: Int32) -> bool:
     """Return whether all pixels of a footprint have a normal."""
     top, bottom, left, right = y + box[0], y + box[1] + 1, x + box[2], x + box[3] + 1
@@ -87,7 +88,7 @@ def _fits(places: Places, copy: int, y: int, x: int, box: Int32) -> bool:
     return bool(inside == 0)
 
 
-@numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
+@numba.njit(**INLINED, fastmath=_FAST, error_model="numpy")
 def _cost(places: Places, wanted: Wanted, base: int, ground: float, step: int) -> float:
     difference, energy = np.float32(0), np.float32(0)
     for i in range(0, wanted.offsets.size, step):
@@ -102,7 +103,7 @@ def _cost(places: Places, wanted: Wanted, base: int, ground: float, step: int) -
     return float(difference / (energy + ground) + apart / max(wanted.guide.size, 1))
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _ground(wanted: Wanted, mean_energy: float, step: int) -> float:
     energy, pixels = 0.0, 0
     for i in range(0, wanted.offsets.size, step):
@@ -111,7 +112,7 @@ def _ground(wanted: Wanted, mean_energy: float, step: int) -> float:
     return energy + GROUND * mean_energy * pixels + 1e-12
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def fitting(offsets: Float32, places: Places, patch: int, draws: int, state: np.uint64) -> float:
     """Return the factor that makes a footprint small enough to fit at several places.
 
@@ -147,7 +148,7 @@ def fitting(offsets: Float32, places: Places, patch: int, draws: int, state: np.
         factor *= _SMALLER
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def box_of(offsets: Float32, factor: float) -> Int32:
     """Return the first and last row and column of the nearest pixels of offsets, times a factor."""
     box = np.zeros(4, np.int32)
@@ -160,7 +161,7 @@ def box_of(offsets: Float32, factor: float) -> Int32:
     return box
 
 
-@numba.njit(cache=True)
+@numba.njit(**INLINED)
 def find_footprint(
     wanted: Wanted, box: Int32, places: Places, patch: int, candidates: int, state: np.uint64
 ) -> tuple[int, int, int]:

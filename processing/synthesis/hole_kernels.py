@@ -8,6 +8,7 @@ import numpy as np
 from processing.detail.minimum_cuts import taken_pixels
 from processing.synthesis.patch_search import stream
 from rig.arrays import Float32, Float64, Int32, UInt8
+from rig.kernels import INLINED, PART
 
 # Compiled in: processing/detail/minimum_cuts.py bb2f904075fe
 # Compiled in: processing/synthesis/patch_search.py 525035d142dc
@@ -22,7 +23,7 @@ _COARSE = 5
 _STEPS = (4, 2, 1, 1)
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _compared(state: UInt8, top: int, left: int, side: int, band: int) -> Int32:
     """Return the rows and columns in a window of the pixels that a patch must continue.
 
@@ -51,7 +52,7 @@ def _compared(state: UInt8, top: int, left: int, side: int, band: int) -> Int32:
     return found[:count]
 
 
-@numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
+@numba.njit(**INLINED, fastmath=_FAST, error_model="numpy")
 def _cost(
     pixels: Int32, there: Float32, slopes: Float32, y: int, x: int, ground: float, step: int
 ) -> float:
@@ -66,7 +67,7 @@ def _cost(
     return float(difference / (energy + ground))
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _ground(there: Float32, mean_energy: float, step: int) -> float:
     energy, count = 0.0, 0
     for i in range(0, there.shape[0], step):
@@ -75,7 +76,7 @@ def _ground(there: Float32, mean_energy: float, step: int) -> float:
     return energy + _GROUND * mean_energy * count + 1e-12
 
 
-@numba.njit(cache=True)
+@numba.njit(**INLINED)
 def _find(
     pixels: Int32,
     there: Float32,

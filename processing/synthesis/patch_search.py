@@ -11,6 +11,7 @@ import numba
 import numpy as np
 
 from rig.arrays import Float32, Float64, Int32
+from rig.kernels import INLINED, PART
 
 Bands = tuple[int, int, int, int]
 
@@ -26,7 +27,7 @@ _COARSE = 3
 STEPS = (4, 2, 1, 1)
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def mixed(value: np.uint64) -> np.uint64:
     """Return a number whose bits depend on all bits of the value."""
     once = (value ^ (value >> np.uint64(30))) * _MIX_1
@@ -34,7 +35,7 @@ def mixed(value: np.uint64) -> np.uint64:
     return twice ^ (twice >> np.uint64(31))
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def stream(seed: int, row: int, column: int) -> np.uint64:
     """Return the first state of the random numbers of a patch."""
     state = mixed(np.uint64(seed) + GOLDEN)
@@ -42,7 +43,7 @@ def stream(seed: int, row: int, column: int) -> np.uint64:
     return mixed(state ^ (np.uint64(column) + GOLDEN))
 
 
-@numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
+@numba.njit(**INLINED, fastmath=_FAST, error_model="numpy")
 def _compare(a: Float32, b: Float32) -> tuple[np.float32, np.float32]:
     """Return the sums of (a - b)^2 and of b^2."""
     difference, energy = np.float32(0), np.float32(0)
@@ -53,7 +54,7 @@ def _compare(a: Float32, b: Float32) -> tuple[np.float32, np.float32]:
     return difference, energy
 
 
-@numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
+@numba.njit(**INLINED, fastmath=_FAST, error_model="numpy")
 def _cost(
     window: Float32,
     slopes: Float32,
@@ -88,7 +89,7 @@ def _cost(
     return float(difference / (energy + ground))
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _ground(window: Float32, bands: Bands, mean_energy: float, first: int, step: int) -> float:
     """Return the part of the denominator of the cost that is common to all places."""
     height, width = window.shape[0], window.shape[1] // 2
@@ -103,7 +104,7 @@ def _ground(window: Float32, bands: Bands, mean_energy: float, first: int, step:
     return energy + GROUND * mean_energy * pixels + 1e-12
 
 
-@numba.njit(cache=True)
+@numba.njit(**INLINED)
 def find_place(
     window: Float32,
     slopes: Float32,

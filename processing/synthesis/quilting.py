@@ -16,6 +16,7 @@ from processing.synthesis.patch_search import Bands, find_place, stream
 from processing.synthesis.strips import Begun, StripRange, strip_ranges
 from rig import in_threads
 from rig.arrays import Float32, Float64, Int32, Int64, UInt8
+from rig.kernels import INLINED
 
 # Compiled in: processing/detail/minimum_cuts.py bb2f904075fe
 # Compiled in: processing/synthesis/patch_search.py 525035d142dc
@@ -196,7 +197,7 @@ def diagonals(rows: int, columns: int, tileable: bool) -> Iterator[Int32]:
             yield np.array([[row, free]], np.int32)
 
 
-@numba.njit(cache=True)
+@numba.njit(**INLINED)
 def _place(
     sheet: Float32,
     labels: UInt8,

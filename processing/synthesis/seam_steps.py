@@ -11,6 +11,7 @@ import numpy as np
 from acquisition import MapRows
 from rig import in_threads
 from rig.arrays import AnyArray, Float32, Float64, Int64, UInt8
+from rig.kernels import PART
 
 # Steps are measured on at most this many rows and columns, in the middle.
 _MOST = 2048
@@ -82,7 +83,7 @@ def cut_steps(normals: MapRows, labels: MapRows, *, wrapped: bool = False) -> Cu
     return CutSteps(means[1], means[0])
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _angle(a: Float32, b: Float32) -> float:
     chord = 0.0
     for k in range(3):
@@ -90,7 +91,7 @@ def _angle(a: Float32, b: Float32) -> float:
     return 2 * math.asin(min(math.sqrt(chord) / 2, 1.0))
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _known(normal: Float32) -> bool:
     return bool(normal[0] != 0 or normal[1] != 0 or normal[2] != 0)
 

@@ -12,6 +12,7 @@ from processing.synthesis.footprint_kernels import patch_map, sampled
 from processing.synthesis.footprint_search import Places, Wanted, box_of, find_footprint, fitting
 from processing.synthesis.patch_search import stream
 from rig.arrays import Float32, Int32, UInt8
+from rig.kernels import INLINED
 
 # Compiled in: processing/detail/minimum_cuts.py bb2f904075fe
 # Compiled in: processing/synthesis/footprint_kernels.py 3c8a37a6b9b2
@@ -22,7 +23,7 @@ from rig.arrays import Float32, Int32, UInt8
 _GUIDE_SAMPLES = 6
 
 
-@numba.njit(cache=True)
+@numba.njit(**INLINED)
 def _place(
     sheet: Float32,
     labels: UInt8,

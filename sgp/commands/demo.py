@@ -13,7 +13,7 @@ import rig
 import simulator
 from rig.arrays import Float32
 from sgp.cli.console import Stages, note
-from sgp.cli.options import Seed, SourceOptions
+from sgp.cli.options import Seed
 from sgp.pictures.lights import spheres_panel
 from sgp.pictures.maps import map_panel, signed_panel
 from sgp.pictures.sheet import source_title, write_overview
@@ -22,8 +22,8 @@ from sgp.results.demo_folder import DemoFolder, claimed
 from sgp.results.metrics import DemoMetrics, ErrorMetrics
 from sgp.results.output import write_record
 from sgp.results.result import Result
-from sgp.stages.pipeline import OutcomeInMemory, process
 from sgp.stages.recording import Stopwatch
+from sgp.stages.run_stages import Outcome, RunOptions, processed
 
 _LONG_US, _SHORT_US = 20_000.0, 40.0
 
@@ -71,14 +71,12 @@ def _demo(out: Path, seed: int, folder: DemoFolder) -> Result:
         acquisition.write_lights(out / "lights.json", lights)
     source = acquisition.read_source(coin.folder, lights=lights)
     folder.begin("normals", "detail", "surface")
-    outcome = process(
-        source,
-        [one.folder / "COMPLETE" for one in (spheres, coin)],  # their hashes identify sessions
-        out,
-        watch,
-        SourceOptions(),
-        true_lights=scenes["coin"].lights,
-    )
+    # The hashes of these files identify the sessions.
+    marks = [session.folder / "COMPLETE" for session in (spheres, coin)]
+    with processed(
+        source, marks, out, watch, RunOptions(), true_lights=scenes["coin"].lights
+    ) as outcome:
+        pass
     result = outcome.result
     result.warnings[:0] = estimate.warnings
     errors = _Errors(lights, outcome, truth["coin"])
@@ -162,8 +160,9 @@ class _Errors:
     """Errors of the demo's results."""
 
     def __init__(
-        self, lights: acquisition.Lights, outcome: OutcomeInMemory, rendering: simulator.Rendering
+        self, lights: acquisition.Lights, outcome: Outcome, rendering: simulator.Rendering
     ) -> None:
+        made = outcome.result.outputs
         truth = rendering.truth
         calibrated = np.asarray(lights.positions_mm)
         true = np.asarray(truth.lights.positions_mm)
@@ -174,13 +173,15 @@ class _Errors:
             for intensities in map(np.asarray, (lights.intensities, truth.lights.intensities))
         )
         self.light_percent = 100 * np.abs(strength / true_strength - 1)
+        normal_map = processing.read_normals(made["normals.normals"].parent).normal_map
         self.normals, self.resolved = (
-            processing.angular_error(outcome.normal_map, true_normals, truth.mask)
+            processing.angular_error(normal_map, true_normals, truth.mask)
             for true_normals in (truth.normals, simulator.resolved_normals(truth))
         )
-        both = truth.mask & outcome.surface.mask
+        height = acquisition.read_image(made["surface.height"])
+        both = truth.mask & np.isfinite(height)
         self.height_map_mm = np.full(truth.mask.shape, np.nan, np.float32)
-        difference = outcome.surface.height[both] - truth.height_mm[both]
+        difference = height[both] - truth.height_mm[both]
         self.height_map_mm[both] = difference - difference.mean()
         self.height_coverage = float(both.sum() / truth.mask.sum())
         self.height_range_mm = float(np.ptp(truth.height_mm[truth.mask]))

@@ -13,8 +13,8 @@ from sgp.results.output import claim_folder, writes_folder
 from sgp.results.result import Result
 from sgp.stages.options import MapOptions, SeparationOptions, SurfaceOptions
 from sgp.stages.recording import Stopwatch, open_recording
+from sgp.stages.run_stages import RunOptions, processed
 from sgp.stages.spheres import add_sphere_lights
-from sgp.stages.stored_run import RunOptions, processed_within
 
 _DEFAULTS = SourceOptions()
 _MAPS, _SEPARATION, _SURFACES = MapOptions(), SeparationOptions(), SurfaceOptions()
@@ -65,8 +65,8 @@ def run(
     input_hashes(recording.files)
     opened = recording.source
     given = RunOptions(source=options, maps=maps, separation=separation, surfaces=surfaces)
-    with processed_within(
-        memory, opened, recording.files, out, watch, given, force=force
+    with processed(
+        opened, recording.files, out, watch, given, memory=memory, force=force
     ) as outcome:
         result = outcome.result
         add_sphere_lights(result, claim_folder(out, "summary.json"), recording.lit_by, "sgp run")

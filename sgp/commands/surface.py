@@ -113,7 +113,7 @@ def surface(
         green=green,
         max_pixels=max_pixels,
     )
-    result = integrated(inputs, options, way, out, force=force)
+    result, _ = integrated(inputs, options, way, out, force=force)
     result.warnings = [_with_remedy(notice, green, options) for notice in result.warnings]
     result.inputs += [path for path in (mask, albedo, camera, sigma, prior) if path is not None]
     return result

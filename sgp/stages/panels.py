@@ -21,8 +21,12 @@ from sgp.pictures.maps import (
 from sgp.pictures.sheet import Panel
 from sgp.results.stage_metrics import NormalsMetrics
 
-# The maps of normals in files that are drawn.
-DRAWN = ("normals", "albedo", "specular", "residual", "used", "normal_sigma_deg")
+# The files of the stages that are drawn.
+DRAWN = {
+    "normals": ("normals", "albedo", "specular", "residual", "used", "normal_sigma_deg"),
+    "detail": ("shape", "detail"),
+    "surface": ("height",),
+}
 # Values that are read at once.
 _READ = 4_000_000
 

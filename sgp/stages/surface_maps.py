@@ -15,7 +15,7 @@ import acquisition
 import calibration
 import processing
 import rig
-from rig.arrays import Bool, Float32
+from rig.arrays import Bool, Float32, UInt8
 from sgp.cli.console import Stages
 from sgp.cli.exit import UsageError
 from sgp.results.hashes import input_hashes, sha256
@@ -118,7 +118,8 @@ class SurfaceInputs:
     Parameters
     ----------
     normals, mask, albedo, sigma, green, max_pixels
-        As `sgp surface` takes them.
+        As `sgp surface` takes them. A run in memory gives normals, sRGB samples and standard
+        deviations instead of files.
     prior
         File of known heights, and their standard deviation; None for the size of a pixel.
     camera
@@ -136,12 +137,12 @@ class SurfaceInputs:
         The part of ``sigma`` that all pixels have in common, if they do not count by it.
     """
 
-    normals: Path
+    normals: Path | processing.NormalMap
     mask: Path | None = None
-    albedo: Path | None = None
+    albedo: Path | UInt8 | None = None
     camera: acquisition.CameraModel | None = None
     doubts: tuple[rig.Notice, ...] = ()
-    sigma: Path | None = None
+    sigma: Path | acquisition.MapRows | None = None
     prior: tuple[Path, float | None] | None = None
     depth_mm: acquisition.MapRows | None = None
     pixel_mm: float | None = None
@@ -153,8 +154,8 @@ class SurfaceInputs:
 
 def integrated(
     inputs: SurfaceInputs, options: SurfaceOptions, way: SurfaceWay, out: Path, *, force: bool
-) -> Result:
-    """Solve a surface and write its files.
+) -> tuple[Result, processing.HeightMap]:
+    """Solve a surface and write its files; return the result, and the surface.
 
     In blocks, temporary files are in the output folder. The blocks that an earlier process solved
     from the same inputs are not solved again.
@@ -178,7 +179,9 @@ def integrated(
         if way.rows is not None:
             store = opened.enter_context(_store(inputs, way, out, force=force))
 
-        def image(path: Path) -> acquisition.MapRows:
+        def image(path: Path | acquisition.MapRows) -> acquisition.MapRows:
+            if not isinstance(path, Path):
+                return path
             if store is None:
                 return acquisition.read_image(path, max_pixels=inputs.max_pixels)
             return opened.enter_context(
@@ -188,7 +191,7 @@ def integrated(
         read, normals = _read(inputs, store)
         notices = [*read.warnings]
         if inputs.mask is not None:
-            inside, lost = _masked(inputs.mask, normals.mask, inputs.normals)
+            inside, lost = _masked(inputs.mask, normals.mask, str(inputs.normals))
             notices += lost
             normals = _only(normals, inside)
         notices += inputs.doubts
@@ -196,7 +199,7 @@ def integrated(
         common: Float32 | float | None = None
         if inputs.common_sigma_deg is not None:
             common = inputs.common_sigma_deg[:]
-        if inputs.sigma is not None and inputs.weighted:
+        if isinstance(inputs.sigma, Path) and inputs.weighted:
             known = read_sigma(inputs.sigma, normals.mask, inputs.max_pixels, store)
             notices += known.notices
             sigma, common = known.sigma_deg, known.common_deg
@@ -250,7 +253,7 @@ def integrated(
         result.inputs = [*read.files]
         if prior is not None:
             _add_prior(result, surface, prior)
-        return result
+        return result, surface
 
 
 def _prior(
@@ -297,8 +300,9 @@ def _store(
 
 def _identity(inputs: SurfaceInputs) -> dict[str, object]:
     """Return what the solutions of blocks depend on."""
-    found = processing.find_normals(inputs.normals, max_pixels=inputs.max_pixels)
-    weights = inputs.sigma if inputs.weighted else None
+    normals = cast("Path", inputs.normals)
+    found = processing.find_normals(normals, max_pixels=inputs.max_pixels)
+    weights = cast("Path | None", inputs.sigma if inputs.weighted else None)
     given = {
         "green": inputs.green,
         "camera": None if inputs.camera is None else asdict(inputs.camera),
@@ -316,6 +320,8 @@ def _read(
 ]:
     """Read the normals into memory, or into a file next to the maps."""
     given, most = inputs.normals, inputs.max_pixels
+    if isinstance(given, processing.NormalMap):
+        return processing.NormalMapFile(given, (), ()), given
     if store is None:
         whole = processing.read_normals(given, green=inputs.green, max_pixels=most)
         input_hashes(whole.files)
@@ -329,7 +335,7 @@ def _read(
     return stored, stored
 
 
-def _masked(path: Path, known: Bool, normals: Path) -> tuple[Bool, list[rig.Notice]]:
+def _masked(path: Path, known: Bool, normals: str) -> tuple[Bool, list[rig.Notice]]:
     """Return the pixels of a mask that have a normal, and a notice about the others."""
     height, width = known.shape
     wanted = acquisition.read_mask(path, (height, width))
@@ -354,7 +360,7 @@ def _only(
     return given._replace(mask=inside)
 
 
-def _colours(path: Path, image: acquisition.MapRows, mask: Bool) -> acquisition.MapRows:
+def _colours(path: object, image: acquisition.MapRows, mask: Bool) -> acquisition.MapRows:
     """Return sRGB samples, in memory as the image: floats are linear albedo, others are sRGB."""
     kind, (height, width) = np.dtype(np.uint8), mask.shape
     if image.shape[:2] != mask.shape:

@@ -11,6 +11,7 @@ import numpy as np
 from acquisition import NoiseModel
 from rig import in_threads, short_repr
 from rig.arrays import Float32, UInt16
+from rig.kernels import PART
 from simulator.noise.dice import GOLDEN, MIX_1, MIX_2, stream
 from simulator.scene.lamps import Lamps
 
@@ -255,7 +256,7 @@ def _draw_pattern(
                 maps[2, row, column] = -hot_e_per_s * log_of(unit(bits << _S32))
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _poisson_by_inversion(mean: np.float32, uniform: np.float32) -> np.float32:
     term = math.exp(-mean)
     total = term
@@ -267,7 +268,7 @@ def _poisson_by_inversion(mean: np.float32, uniform: np.float32) -> np.float32:
     return np.float32(count)
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _poisson_by_expansion(mean: np.float32, z: np.float32) -> np.float32:
     """Convert a normal number to a Poisson one by the Cornish-Fisher expansion to third order.
 
@@ -331,7 +332,7 @@ def unit(bits: np.uint64) -> np.float32:
     return (np.float32(np.int32(bits >> _S33)) + _HALF) * _TWO_TO_MINUS_31
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _polynomial(x: np.float32, coefficients: tuple[np.float32, ...]) -> np.float32:
     """Evaluate a polynomial; the coefficient of the highest power is the first."""
     total = coefficients[0]

@@ -12,6 +12,7 @@ import numpy as np
 from acquisition import DataError, Lights, NoiseModel
 from rig import in_threads, short_repr
 from rig.arrays import Bool, Float32, Float64, Floating, Integer
+from rig.kernels import PART
 from simulator.rendering.shade import lamp_table
 
 # Determinants below this share of the product of the diagonal mean that the lights are coplanar.
@@ -273,7 +274,7 @@ def _bound(
             out[row, column] = _angle_deg(a, b, c, d, e, f, nx, ny, nz, rho)
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _angle_deg(
     a: float,
     b: float,

@@ -14,6 +14,7 @@ import math
 import numba
 
 from rig.arrays import Bool, Float32, Float64
+from rig.kernels import PART
 
 TILE = 16
 # Neighbouring heights that differ by more than this many steps are the two sides of a wall.
@@ -21,7 +22,7 @@ WALL = 4.0
 BLOCK = 1024
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _sphere_between(
     px: float,
     py: float,
@@ -43,7 +44,7 @@ def _sphere_between(
     return False
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _box_between(
     px: float,
     py: float,
@@ -79,7 +80,7 @@ def _box_between(
     return False
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _field_between(
     u: float,
     v: float,

@@ -11,6 +11,7 @@ import numpy as np
 from acquisition import DataError
 from rig import in_threads
 from rig.arrays import Bool, Float64, Int64
+from rig.kernels import PART
 from simulator.scene.clutter import BALL
 from simulator.scene.scene import Scene
 
@@ -153,7 +154,7 @@ def meets(scene: Scene, origins_mm: Float64, rays: Float64) -> Bool:
     return met
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _ball_ahead(
     px: float, py: float, pz: float, dx: float, dy: float, dz: float, balls: Float64, j: int
 ) -> float:
@@ -165,7 +166,7 @@ def _ball_ahead(
     return -b - math.sqrt(root) if root > 0.0 and b < 0.0 else math.inf
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _box_ahead(
     px: float, py: float, pz: float, dx: float, dy: float, dz: float, box: Float64
 ) -> tuple[float, int, float]:
@@ -192,7 +193,7 @@ def _box_ahead(
     return (begin, face, sign) if 0.0 < begin < end else (math.inf, 0, 1.0)
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _clutter_ahead(
     px: float, py: float, pz: float, dx: float, dy: float, dz: float, clutter: Float64
 ) -> tuple[float, int]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from rig import in_threads
 from rig.arrays import Float64
+from rig.kernels import PART
 
 _NEWTON_STEPS = 60
 _HALVINGS = 20
@@ -46,7 +47,7 @@ def _fold(coefficients: Float64) -> float:
     return 1 / largest if largest > 1e-12 else math.inf
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _brown(x: float, y: float, k: Float64) -> tuple[float, float, float, float, float]:
     """Return the distorted position and its derivatives xx, xy = yx, yy."""
     r2 = x * x + y * y

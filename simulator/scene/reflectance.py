@@ -16,6 +16,7 @@ import numpy.typing as npt
 from acquisition import DataError
 from rig import in_threads
 from rig.arrays import Float32, Float64, Int8, Int64
+from rig.kernels import PART
 
 _LAMBERT, _OREN_NAYAR, _GGX = 0, 1, 2
 _BLOCK = 1024
@@ -197,7 +198,7 @@ def reflect(
     )
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _lobes(
     kind: float, first: float, second: float, light: float, eye: float, between: float
 ) -> tuple[float, float]:

@@ -16,6 +16,7 @@ import numpy as np
 
 from rig import in_threads
 from rig.arrays import Bool, Float64, Int32
+from rig.kernels import PART
 from simulator.shapes.bvh_growth import STACK, grow
 
 
@@ -139,7 +140,7 @@ class TriangleTree:
 Tree = tuple[Float64, Float64, Int32, Int32, Int32]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(**PART, error_model="numpy")
 def _search(
     origin: Float64, direction: Float64, tree: Tree, reach: float, any_will_do: bool, stack: Int32
 ) -> tuple[float, int, float, float]:

@@ -11,6 +11,7 @@ import numba
 import numpy as np
 
 from rig.arrays import Float64, Int32
+from rig.kernels import PART
 
 STACK = 96  # maximum number of waiting nodes in a traversal of any tree
 _BINS = 16
@@ -19,20 +20,20 @@ _LEAF = 4
 _DEEP = 48
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _area(box: Float64) -> float:
     x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
     return float(x * y + y * z + z * x)
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _widen(box: Float64, low: Float64, high: Float64) -> None:
     for c in range(3):
         box[c] = min(box[c], low[c])
         box[c + 3] = max(box[c + 3], high[c])
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _best_split(
     low: Float64, high: Float64, order: Int32, start: int, stop: int, span: Float64
 ) -> tuple[int, int, float]:

@@ -16,6 +16,7 @@ import math
 import numba
 
 from rig.arrays import Float64
+from rig.kernels import PART
 
 Point = tuple[float, float, float]
 
@@ -23,7 +24,7 @@ CELLS = 64  # along each side of the table
 _MASK = CELLS - 1  # for the index modulo CELLS, also below 0
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _scale_at(u: float, v: float, table: Float64) -> Point:
     """Return keeled rhombic scales in staggered rows; each row overlaps the next one below."""
     sharp = 30.0
@@ -51,7 +52,7 @@ def _scale_at(u: float, v: float, table: Float64) -> Point:
     return math.log(total) / sharp, tu / total, tv / total
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _yarn(across: float, along: float, first: int, side: float, table: Float64, lane: int) -> Point:
     """Return sums of exp(k h) and of its derivatives over the yarns near a point."""
     sharp = 16.0
@@ -73,7 +74,7 @@ def _yarn(across: float, along: float, first: int, side: float, table: Float64, 
     return total, ta, tl
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _textile_at(u: float, v: float, table: Float64) -> Point:
     """Return a plain weave: warp along v, weft along u, alternating over and under."""
     warp, warp_u, warp_v = _yarn(u, v, math.floor(u), 1.0, table, 0)
@@ -82,7 +83,7 @@ def _textile_at(u: float, v: float, table: Float64) -> Point:
     return math.log(total) / 16.0, (warp_u + weft_u) / total, (warp_v + weft_v) / total
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _cells(u: float, v: float, sharp: float, table: Float64) -> tuple[Point, Point]:
     """Return two smooth functions of the random cells around a point, with gradients.
 
@@ -127,7 +128,7 @@ def _cells(u: float, v: float, sharp: float, table: Float64) -> tuple[Point, Poi
     return near, (several, several_u, several_v)
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _leather_at(u: float, v: float, table: Float64) -> Point:
     """Return fine pebbles with a network of cracks; one unit is the width of a plate."""
     # Distorted positions bend the cracks and move the centres of the plates.
@@ -154,7 +155,7 @@ def _leather_at(u: float, v: float, table: Float64) -> Point:
     )
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _soft_positive(t: float, k: float) -> tuple[float, float]:
     """Return a smooth max(t, 0) and its derivative."""
     if k * t > 40.0:
@@ -165,7 +166,7 @@ def _soft_positive(t: float, k: float) -> tuple[float, float]:
     return math.log1p(e) / k, e / (1.0 + e)
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _chips(x: float, y: float, lenses: Float64) -> Point:
     """Return the depth (mm) of cuts in the shape of two overlapping discs, and its gradient."""
     depth = dx = dy = 0.0
@@ -188,7 +189,7 @@ def _chips(x: float, y: float, lenses: Float64) -> Point:
     return depth, dx, dy
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _wood_at(x: float, y: float, lenses: Float64, waves: Float64) -> Point:
     """Return a chip-carved rosette between two round grooves, in wood with grain."""
     cut, cut_x, cut_y = _chips(x, y, lenses)

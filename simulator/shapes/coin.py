@@ -15,6 +15,7 @@ import numpy as np
 
 from rig import in_threads
 from rig.arrays import Float64
+from rig.kernels import PART
 from simulator.shapes.field_trace import FieldBounds
 from simulator.shapes.surface import SphericalCap, Surface, drawn, random_waves
 
@@ -122,7 +123,7 @@ def _sun_rays() -> Float64:
     return np.array(rays)
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _step(t: float) -> tuple[float, float]:
     """Return the logistic step and its derivative, without overflow."""
     if t < -40.0:
@@ -133,7 +134,7 @@ def _step(t: float) -> tuple[float, float]:
     return s, s * (1.0 - s)
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _stroke_union(x: float, y: float, strokes: Float64) -> tuple[float, float, float]:
     """Return the smooth union of ridges with a Gaussian profile, 0 to 1, and its gradient."""
     sigma2 = 1.15**2
@@ -153,7 +154,7 @@ def _stroke_union(x: float, y: float, strokes: Float64) -> tuple[float, float, f
     return u, ux, uy
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _sea(x: float, y: float) -> tuple[float, float, float]:
     """Return curved waves below the sun, with a window, and their gradient."""
     k, bend = 2.0 * math.pi / 8.0, 2.0 * math.pi / 30.0
@@ -168,7 +169,7 @@ def _sea(x: float, y: float) -> tuple[float, float, float]:
     return c * window, s * angle_x * window + c * wx, s * k * window + c * wy
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _rings(x: float, y: float) -> tuple[float, float, float]:
     """Return the height of rim, ring of beads and sun disc, and its gradient."""
     sun, sun_t = _step((13.0**2 - x * x - y * y) / (2.0 * 13.0 * 0.9))
@@ -190,7 +191,7 @@ def _rings(x: float, y: float) -> tuple[float, float, float]:
     return h, hx, hy
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _hammered(x: float, y: float, grain: Float64) -> tuple[float, float, float]:
     """Return random waves of rms 1 that fade out before the rim, and their gradient."""
     gain = math.sqrt(2.0 / len(grain))

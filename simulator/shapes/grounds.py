@@ -15,6 +15,7 @@ import numpy as np
 
 from rig import in_threads
 from rig.arrays import Float64
+from rig.kernels import PART
 from simulator.shapes.patterns import Albedo, Pattern, blend, turned
 
 # A glyph is 3 x 5 modules of a cell of 4 x 9: the rest is the space between letters and lines.
@@ -153,7 +154,7 @@ def _drawn(
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _chance(i: int, j: int, seed: int) -> float:
     """Return a number within 0..1 that depends only on the arguments (a 32-bit integer hash)."""
     mask = np.uint64(0xFFFFFFFF)
@@ -169,7 +170,7 @@ def _chance(i: int, j: int, seed: int) -> float:
     return float(h) / 4294967296.0
 
 
-@numba.njit(cache=True)
+@numba.njit(**PART)
 def _smooth(x: float, y: float, seed: int) -> float:
     """Return noise within 0..1 that varies smoothly over a length of 1."""
     i, j = math.floor(x), math.floor(y)

@@ -28,7 +28,7 @@ def plane(scale: float = 1.0) -> tuple[Alternation, Float64]:
     facing[1:-1, 1:-1] = 1 / np.hypot(1, SLOPE)
     heights = np.zeros((ROWS + 2, COLUMNS + 2))
     heights[1:-1, 1:-1] = SLOPE * np.arange(COLUMNS)
-    problem = Alternation((right, down, to_right, to_down), facing, 4.0, scale, None, None, None)
+    problem = Alternation((right, down, to_right, to_down), facing, 4.0, scale)
     return problem, heights
 
 

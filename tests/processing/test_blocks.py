@@ -16,9 +16,9 @@ from calibration import EstimateError
 from processing import NormalMap, integrate
 from processing.surface import SurfaceStage, integrate_in_blocks
 from processing.surface.blocks.block_files import BlockFiles
-from processing.surface.blocks.local_parts import NO_MEETING, LocalParts, meeting_of
+from processing.surface.blocks.block_solutions import Seam, Side
+from processing.surface.blocks.local_parts import LocalParts, meeting_of
 from processing.surface.blocks.plan import CELL, plan_blocks
-from processing.surface.blocks.seams import Seam, Side
 from tests.processing.test_stages import deleted, flipped
 
 LIMIT = 5e-4  # of the range
@@ -175,11 +175,9 @@ def test_the_residual_of_a_blend_is_that_of_its_laplacian():
 
 
 def test_constants_join_parts_of_blocks():
-    parts = LocalParts()
     upper = Side(np.array([[1.0, 5.0, 0]]), np.array([[0, 1, -1]], np.int32))
     lower = Side(np.array([[3.0, 3.0, 0]]), np.array([[2, 2, 3]], np.int32))
-    parts.add(2, NO_MEETING)
-    parts.add(2, meeting_of(upper, lower))
+    parts = LocalParts(4, meeting_of(upper, lower))
     np.testing.assert_allclose(parts.constants(), [0, -4, -2, 0])
     joined, count = parts.joined()
     assert (list(joined), count) == ([0, 0, 0, 1], 2)

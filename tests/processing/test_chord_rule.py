@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from processing.surface.chord_rule import orthographic_edges, perspective_edges
-from rig.arrays import Float32, Float64
+from rig.arrays import Bool, Float32, Float64
 
 
 def even(normal: Float64, size: tuple[int, int] = (3, 4)) -> Float32:
@@ -21,6 +21,15 @@ def rays_of(size: tuple[int, int], focal_px: float, centre: tuple[float, float])
     rows, columns = np.indices(size, np.float64)
     x, y = (columns - centre[0]) / focal_px, -(rows - centre[1]) / focal_px
     return np.stack([x, y, -np.ones(size)], axis=2)
+
+
+def seen_by_a_camera(normals: Float32, mask: Bool) -> tuple[Float32, Float32, Float64, Float64]:
+    rows, columns = mask.shape
+    middle = ((columns - 1) / 2, (rows - 1) / 2)
+    return perspective_edges(normals, mask, rays_of((rows, columns), 1e7, middle))
+
+
+EDGES = {"far": orthographic_edges, "camera": seen_by_a_camera}
 
 
 @pytest.mark.parametrize("degrees", [0.0, 20.0, 45.0, 60.0, 80.0, 89.0])
@@ -94,27 +103,21 @@ def test_a_sphere_is_exact() -> None:
         pytest.param(tilted(61.0), tilted(-61.0), False, id="122 degrees apart"),
     ],
 )
-@pytest.mark.parametrize("seen_from", ["far", "camera"])
+@pytest.mark.parametrize("seen_from", EDGES)
 def test_pixels_without_an_edge(
     first: Float64, second: Float64, joined: bool, seen_from: str
 ) -> None:
     normals = np.stack([first, second])[None].astype(np.float32)
     mask = np.ones((1, 2), bool)
-    if seen_from == "far":
-        right, *_ = orthographic_edges(normals, mask)
-    else:
-        right, *_ = perspective_edges(normals, mask, rays_of((1, 2), 1e7, (0.5, 0.0)))
+    right, *_ = EDGES[seen_from](normals, mask)
     assert (right[1, 1] > 0) == joined
 
 
-@pytest.mark.parametrize("seen_from", ["far", "camera"])
+@pytest.mark.parametrize("seen_from", EDGES)
 def test_edges_end_at_the_mask(seen_from: str) -> None:
     mask = np.array([[1, 1, 0], [0, 1, 1]], bool)
     normals = even(tilted(10.0), (2, 3))
-    if seen_from == "far":
-        right, down, *steps = orthographic_edges(normals, mask)
-    else:
-        right, down, *steps = perspective_edges(normals, mask, rays_of((2, 3), 1e3, (1.0, 1.0)))
+    right, down, *steps = EDGES[seen_from](normals, mask)
     assert right.shape == down.shape == (4, 5)
     assert [step.shape for step in steps] == [(4, 5)] * 2
     assert (right.dtype, steps[0].dtype) == (np.float32, np.float64)

@@ -13,6 +13,7 @@ import trimesh
 from acquisition import DataError, read_image
 from processing import NormalMap, integrate, write_mesh
 from processing.surface import height_picture
+from tests.processing.test_mesh_files import read
 
 HEIGHT, WIDTH = 13, 17
 
@@ -48,9 +49,7 @@ def test_another_program_finds_the_colours_at_the_vertices(
     path = tmp_path / f"bowl.{suffix}"
     given = normal_map if with_normals else None
     files = write_mesh(path, height_map, normals=given, colours=colours)
-    mesh = trimesh.load(path, process=False)
-    if isinstance(mesh, trimesh.Scene):
-        (mesh,) = mesh.geometry.values()
+    mesh = read(path)
     points = height_map.points()[height_map.mask] * (1e-3 if suffix == "glb" else 1)
     np.testing.assert_allclose(mesh.vertices, points, atol=1e-5)
     expected = colours[height_map.mask]
@@ -77,7 +76,7 @@ def test_normals_as_a_texture(tmp_path: Path, colours, painted) -> None:
     path = tmp_path / "a.glb"
     paint = colours if painted else None
     write_mesh(path, height_map, normals=normal_map, colours=paint, normal_texture=True)
-    (mesh,) = trimesh.load(path, process=False).geometry.values()
+    mesh = read(path)
     np.testing.assert_array_equal(
         mesh.vertex_normals, np.tile([0, 0, 1.0], (len(mesh.vertices), 1))
     )
@@ -115,7 +114,7 @@ def test_the_texture_is_the_mean_colour_outside(tmp_path: Path, colours) -> None
 def test_gray_colours_and_files_without_colour(tmp_path: Path, colours) -> None:
     _, height_map = surface()
     write_mesh(tmp_path / "a.ply", height_map, colours=colours[..., 0])
-    found = trimesh.load(tmp_path / "a.ply", process=False).visual.vertex_colors[:, :3]
+    found = read(tmp_path / "a.ply").visual.vertex_colors[:, :3]
     np.testing.assert_array_equal(found, np.repeat(colours[..., :1], 3, 2)[height_map.mask])
     write_mesh(tmp_path / "a.glb", height_map, colours=colours[..., 0])
     assert trimesh.load(tmp_path / "a.glb", force="mesh").visual.uv.shape[1] == 2
@@ -126,14 +125,12 @@ def test_gray_colours_and_files_without_colour(tmp_path: Path, colours) -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong",
-    [
-        pytest.param(np.zeros((5, 5, 3), np.uint8), id="size"),
-        pytest.param(np.zeros((HEIGHT, WIDTH, 3), np.float32), id="type"),
-        pytest.param(np.zeros((HEIGHT, WIDTH, 4), np.uint8), id="channels"),
-    ],
+    ("shape", "kind"),
+    [((5, 5, 3), "u1"), ((HEIGHT, WIDTH, 3), "f4"), ((HEIGHT, WIDTH, 4), "u1")],
+    ids=["size", "type", "channels"],
 )
-def test_wrong_colours_are_refused(tmp_path: Path, wrong) -> None:
+def test_wrong_colours_are_refused(tmp_path: Path, shape, kind) -> None:
+    wrong = np.zeros(shape, kind)
     with pytest.raises(DataError, match="do not fit a height map"):
         write_mesh(tmp_path / "a.ply", surface()[1], colours=wrong)
     assert not list(tmp_path.iterdir())

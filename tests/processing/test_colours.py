@@ -38,6 +38,28 @@ def true_normals():
     return normals / np.linalg.norm(normals, axis=-1, keepdims=True)
 
 
+def source_of(images, normals, **options):
+    """Return the source of images, in memory, of the bench sensor under `LIGHTS`."""
+    frames = [
+        Frame(
+            Path(f"/nowhere/frame{i:02d}.tif"), f"L{i:02d}", pixels.shape, "light", 0, 1000.0,
+            lambda pixels=pixels: pixels,
+        )
+        for i, pixels in enumerate(images)
+    ]  # fmt: skip
+    return Source(
+        Path("/nowhere"),
+        "images",
+        tuple(frames),
+        LIGHTS,
+        mask=np.ones(normals.shape[:2], bool),
+        black_level=SENSOR.black_level_dn,
+        white_level=SENSOR.white_level_dn,
+        normals_truth=normals.astype(np.float32),
+        **options,
+    )
+
+
 def recording(colour, seed=3, noise=True, white=0):
     """Record the waves in one colour; the first columns of red are white."""
     normals, frames = true_normals(), []
@@ -53,21 +75,8 @@ def recording(colour, seed=3, noise=True, white=0):
             ]
         )
         pixels[:, :white, 0] = 65535
-        path = Path(f"/nowhere/frame{i:02d}.tif")
-        frames.append(
-            Frame(path, f"L{i:02d}", (*SIZE, 3), "light", 0, 1000.0, lambda pixels=pixels: pixels)
-        )
-    return Source(
-        Path("/nowhere"),
-        "images",
-        tuple(frames),
-        LIGHTS,
-        mask=np.ones(SIZE, bool),
-        black_level=SENSOR.black_level_dn,
-        white_level=SENSOR.white_level_dn,
-        noise=SENSOR if noise else None,
-        normals_truth=true_normals().astype(np.float32),
-    )
+        frames.append(pixels)
+    return source_of(frames, normals, noise=SENSOR if noise else None)
 
 
 def rms_deg(result):

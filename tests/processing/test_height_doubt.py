@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -235,62 +236,38 @@ def test_deviations_with_a_prior_and_a_camera() -> None:
     assert held.uncertainty.sigma[5, 5] < 0.005 < np.median(held.uncertainty.sigma) / 4
 
 
-@pytest.mark.parametrize(
-    ("make", "text"),
-    [
-        pytest.param(lambda: {"sigma_deg": np.ones((3, 3))}, "do not fit normals", id="size"),
-        pytest.param(
-            lambda: {"common_sigma_deg": np.ones((3, 3))}, "common .* do not fit", id="common size"
-        ),
-        pytest.param(lambda: {"common_sigma_deg": -1.0}, "common .* negative", id="common sign"),
-        pytest.param(lambda: {"sigma_deg": -np.ones((9, 9))}, "negative", id="negative"),
-        pytest.param(lambda: {"height_errors": True}, "require standard dev", id="no deviations"),
-        pytest.param(
-            lambda: {"prior": HeightPrior.from_map(np.ones((3, 3)), 1, (3, 3))},
-            "does not fit a normal map",
-            id="size of prior",
-        ),
-        pytest.param(
-            lambda: {
-                "prior": HeightPrior.from_points([[1, 1]], [500], 1, (9, 9)),
-                "camera": CameraModel(np.diag([100.0, 100, 1]), 9, 9, 400.0),
-            },
-            "behind the camera",
-            id="behind",
-        ),
-        pytest.param(
-            lambda: {"prior": HeightPrior.from_points([[9, 1]], [500], 1, (9, 9))},
-            "is inside the image of 9 x 9",
-            id="outside the image",
-        ),
-        pytest.param(
-            lambda: {"prior": HeightPrior.from_points([[8, 1]], [500], 1, (9, 9))},
-            "inside the mask",
-            id="outside the mask",
-        ),
-        pytest.param(
-            lambda: {"prior": HeightPrior.from_map(np.full((9, 9), np.nan), 1, (9, 9))},
-            "contains no height",
-            id="empty",
-        ),
-        pytest.param(
-            lambda: {"prior": HeightPrior.from_map(np.ones((9, 9)), 0, (9, 9))},
-            "no positive standard deviation",
-            id="no deviation",
-        ),
-        pytest.param(
-            lambda: {"prior": HeightPrior.from_map(np.ones((4, 9)), 1, (9, 9))},
-            "same area",
-            id="other shape",
-        ),
-        pytest.param(
-            lambda: {"prior": HeightPrior.from_points([[1, 1]], [np.nan], 1, (9, 9))},
-            "not valid numbers",
-            id="nan",
-        ),
-    ],
-)
-def test_inputs_that_are_refused(make, text: str) -> None:
+def at(column: float, height: float) -> HeightPrior:
+    return HeightPrior.from_points([[column, 1]], [height], 1, (9, 9))
+
+
+def mapped(heights: Float64, sigma: float = 1) -> HeightPrior:
+    return HeightPrior.from_map(heights, sigma, (9, 9))
+
+
+REFUSED: dict[str, tuple[Callable[[], dict[str, object]], str]] = {
+    "size": (lambda: {"sigma_deg": np.ones((3, 3))}, "do not fit normals"),
+    "common size": (lambda: {"common_sigma_deg": np.ones((3, 3))}, "common .* do not fit"),
+    "common sign": (lambda: {"common_sigma_deg": -1.0}, "common .* negative"),
+    "negative": (lambda: {"sigma_deg": -np.ones((9, 9))}, "negative"),
+    "no deviations": (lambda: {"height_errors": True}, "require standard dev"),
+    "size of prior": (
+        lambda: {"prior": HeightPrior.from_map(np.ones((3, 3)), 1, (3, 3))},
+        "does not fit a normal map",
+    ),
+    "behind": (lambda: {"prior": at(1, 500), "camera": NARROW}, "behind the camera"),
+    "outside the image": (lambda: {"prior": at(9, 500)}, "is inside the image of 9 x 9"),
+    "outside the mask": (lambda: {"prior": at(8, 500)}, "inside the mask"),
+    "empty": (lambda: {"prior": mapped(np.full((9, 9), np.nan))}, "contains no height"),
+    "no deviation": (lambda: {"prior": mapped(np.ones((9, 9)), 0)}, "no positive standard dev"),
+    "other shape": (lambda: {"prior": mapped(np.ones((4, 9)))}, "same area"),
+    "nan": (lambda: {"prior": at(1, np.nan)}, "not valid numbers"),
+}
+NARROW = CameraModel(np.diag([100.0, 100, 1]), 9, 9, 400.0)
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_inputs_that_are_refused(name: str) -> None:
+    make, text = REFUSED[name]
     normals = flat(9, 9)
     mask = normals.mask.copy()
     mask[:, 8] = False

@@ -11,8 +11,6 @@ import pytest
 
 from processing.stereo.pixel_algebra import IN_PLACE
 
-OPTIONS = {**IN_PLACE, "cache": False}
-
 
 def of_a_slice(values: Any, row: int, below: int) -> Any:
     part = values[row, 1:]
@@ -26,7 +24,7 @@ def allocated(count: int) -> Any:
 def test_the_pinned_numba_counts_no_references_in_functions_of_single_pixels() -> None:
     values = np.arange(6).reshape(2, 3)
     found = []
-    for options in ({}, OPTIONS):
+    for options in ({}, IN_PLACE):
         compiled = numba.njit(**options)(of_a_slice)
         assert compiled(values, 1, 2) == 2
         found.append("".join(compiled.inspect_llvm().values()).count("call void @NRT_"))
@@ -45,4 +43,4 @@ def test_the_pinned_numba_counts_no_references_in_functions_of_single_pixels() -
 
 def test_a_function_that_allocates_is_refused() -> None:
     with pytest.raises(numba.core.errors.TypingError, match="array passed into the function"):
-        numba.njit(**OPTIONS)(allocated)(3)
+        numba.njit(**IN_PLACE)(allocated)(3)

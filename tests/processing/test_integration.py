@@ -206,23 +206,19 @@ def test_errors_from_noise_and_steep_edges_remain_local(with_camera: bool) -> No
     assert np.abs(error - np.median(error)).mean() < 0.01 * 70
 
 
-@pytest.mark.parametrize(
-    ("options", "error", "text"),
-    [
-        pytest.param({"pixel_mm": 0.0}, DataError, "not a positive length", id="pixel zero"),
-        pytest.param({"pixel_mm": float("nan")}, DataError, "not a positive", id="pixel nan"),
-        pytest.param({"camera": camera(91)}, DataError, "120 x 91 pixels does not fit", id="size"),
-        pytest.param(
-            {"camera": camera(), "pixel_mm": 0.1},
-            DataError,
-            "give only one",
-            id="two scales",
-        ),
-    ],
-)
-def test_integrate_refuses(options: dict[str, object], error: type[Exception], text: str) -> None:
+REFUSED: dict[str, tuple[dict[str, object], str]] = {
+    "pixel zero": ({"pixel_mm": 0.0}, "not a positive length"),
+    "pixel nan": ({"pixel_mm": float("nan")}, "not a positive"),
+    "size": ({"camera": camera(91)}, "120 x 91 pixels does not fit"),
+    "two scales": ({"camera": camera(), "pixel_mm": 0.1}, "give only one"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_integrate_refuses(name: str) -> None:
+    options, text = REFUSED[name]
     normal_map = NormalMap.from_vectors(np.broadcast_to((0.0, 0.0, 1.0), (90, 120, 3)))
-    with pytest.raises(error, match=text):
+    with pytest.raises(DataError, match=text):
         integrate(normal_map, **options)  # type: ignore[arg-type]
 
 
@@ -242,19 +238,13 @@ def test_implausible_depths_are_refused() -> None:
         integrate(NormalMap.from_vectors(10 * along - rays), camera=wide)
 
 
+# Large limits: least squares cannot recover depth steps at occlusions.
+LIMITS_MM = {"bear": 1.2, "buddha": 3.7, "cat": 1.6, "cow": 0.89, "goblet": 11.6}
+
+
 @needs_data
-@pytest.mark.parametrize(
-    ("name", "bar_mm"),
-    [
-        # Large limits: least squares cannot recover depth steps at occlusions.
-        pytest.param("bear", 1.2, id="bear"),
-        pytest.param("buddha", 3.7, id="buddha"),
-        pytest.param("cat", 1.6, id="cat"),
-        pytest.param("cow", 0.89, id="cow"),
-        pytest.param("goblet", 11.6, id="goblet"),
-    ],
-)
-def test_real_depth(name: str, bar_mm: float) -> None:
+@pytest.mark.parametrize("name", LIMITS_MM)
+def test_real_depth(name: str) -> None:
     folder = Path(os.environ["SGP_DATA"]) / "normals" / "diligent" / name
     image = cv2.imread(str(folder / "normal_map.png"), cv2.IMREAD_UNCHANGED)
     mask = cv2.imread(str(folder / "mask.png"), cv2.IMREAD_GRAYSCALE) > 127
@@ -266,6 +256,6 @@ def test_real_depth(name: str, bar_mm: float) -> None:
     valid = mask & np.isfinite(truth)
     depth, true = surface.depth[valid].astype(np.float64), truth[valid]
     depth *= np.median(true / depth)
-    assert np.abs(depth - true).mean() <= bar_mm
+    assert np.abs(depth - true).mean() <= LIMITS_MM[name]
     # The part nearest to the camera is also nearest in the truth, so the relief is not inverted.
     assert np.corrcoef(depth, true)[0, 1] > 0.75

@@ -102,27 +102,23 @@ def _relief(texture):
     return _recorded(normals, np.ones((120, 120), bool)) * paint
 
 
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        pytest.param(_relief(0.0), "no object stands out", id="relief-fills-frame"),
-        pytest.param(_relief(4.0), "no object stands out", id="textured-relief-fills-frame"),
-        pytest.param(
-            _relief(8.0), "contrast [345].*separability 0.[67]", id="contrast-without-groups"
-        ),
-        pytest.param(
-            np.random.default_rng(0).normal(0.01, 0.003, (9, 80, 80)), "stands out", id="noise"
-        ),
-        pytest.param(np.full((4, 30, 30), 0.5), "no object stands out", id="even"),
-        pytest.param(np.zeros((4, 30, 30)), "all images are black", id="black"),
-        pytest.param(np.full((4, 30, 30), -0.1), "all images are black", id="negative"),
-        pytest.param(np.full((4, 30, 30), np.nan), "black or saturated", id="saturated"),
-        pytest.param(
-            _recorded(*_ball(), background=0.4), "no object stands out", id="bright-background"
-        ),
-    ],
-)
-def test_images_without_a_visible_object_are_refused(values, message):
+NOISE = np.random.default_rng(0).normal(0.01, 0.003, (9, 80, 80))
+HIDDEN = {
+    "relief fills frame": (_relief(0.0), "no object stands out"),
+    "textured relief fills frame": (_relief(4.0), "no object stands out"),
+    "contrast without groups": (_relief(8.0), "contrast [345].*separability 0.[67]"),
+    "noise": (NOISE, "stands out"),
+    "even": (np.full((4, 30, 30), 0.5), "no object stands out"),
+    "black": (np.zeros((4, 30, 30)), "all images are black"),
+    "negative": (np.full((4, 30, 30), -0.1), "all images are black"),
+    "saturated": (np.full((4, 30, 30), np.nan), "black or saturated"),
+    "bright background": (_recorded(*_ball(), background=0.4), "no object stands out"),
+}
+
+
+@pytest.mark.parametrize("name", HIDDEN)
+def test_images_without_a_visible_object_are_refused(name):
+    values, message = HIDDEN[name]
     with pytest.raises(EstimateError, match=message):
         object_mask(values)
 

@@ -5,25 +5,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition import DataError, Frame, Lights, Source, angle_deg, crop, downscale
+from acquisition import DataError, Lights, Source, angle_deg, crop, downscale
 from calibration import linear_stack
 from calibration.radiance import demosaic
 from processing import reconstruct
 from processing.images.mosaic import albedo_of_sites
-from simulator import bench_sensor
 from simulator.camera import sensor_image
+from tests.processing.test_colours import LIGHTS, SENSOR, source_of
 from tests.quick_sample import quick
 
 SIZE = (72, 96)
-SENSOR = bench_sensor()
-TURN = np.radians(np.arange(12) * 30.0)
-TILT = np.radians(np.resize([20.0, 40.0], 12))
-LIGHTS = Lights(
-    directions=np.stack(
-        [np.sin(TILT) * np.cos(TURN), np.sin(TILT) * np.sin(TURN), np.cos(TILT)], axis=1
-    ),
-    intensities=np.linspace([0.7, 0.8, 1.0], [1.0, 0.9, 0.6], 12),
-)
 
 
 @pytest.fixture(autouse=True)
@@ -63,22 +54,8 @@ def recording(channel, cfa, seed=5):
         signal = np.take_along_axis(albedo * intensity, channel[..., None], axis=2)[..., 0] * shade
         electrons = (0.9 * 4031 * SENSOR.electrons_per_dn * signal).astype(np.float32)
         pixels = sensor_image(electrons, SENSOR, key=(seed, i))
-        path = Path("/nowhere/frame.tif")
-        frames.append(
-            Frame(path, f"L{i:02d}", SIZE, "light", 0, 1000.0, lambda pixels=pixels: pixels)
-        )
-    return Source(
-        Path("/nowhere"),
-        "images",
-        tuple(frames),
-        LIGHTS,
-        mask=np.ones(SIZE, bool),
-        cfa=cfa,
-        black_level=SENSOR.black_level_dn,
-        white_level=SENSOR.white_level_dn,
-        noise=SENSOR,
-        normals_truth=normals.astype(np.float32),
-    )
+        frames.append(pixels)
+    return source_of(frames, normals, cfa=cfa, noise=SENSOR)
 
 
 def errors(result):

@@ -66,25 +66,22 @@ def test_lossy_codes_do_not_show_it_or_show_it_rightly(change: str, zero: float)
     assert found.curve is None
 
 
-@pytest.mark.parametrize(
-    ("coded_as", "said"),
-    [
-        pytest.param(lambda n: ((n + 1) / 2) ** (1 / 1.1), "power curve of exponent 1.1", id="1.1"),
-        pytest.param(lambda n: ((n + 1) / 2) ** 2.2, "power curve of exponent 0.45", id="2.2"),
-        pytest.param(
-            lambda n: 1.055 * ((n + 1) / 2) ** (1 / 2.4) - 0.055, "the sRGB curve", id="srgb"
-        ),
-        pytest.param(
-            lambda n: np.concatenate([n[..., :2] / 2 + 0.5, 0 * n[..., :1] + 1], -1),
-            "z is computed",
-            id="two channels",
-        ),
-    ],
-)
+def _two_channels(normals: Float64) -> Float64:
+    return np.concatenate([normals[..., :2] / 2 + 0.5, 0 * normals[..., :1] + 1], -1)
+
+
+CURVES: dict[str, tuple[Callable[..., Float64], str]] = {
+    "1.1": (lambda n: ((n + 1) / 2) ** (1 / 1.1), "power curve of exponent 1.1"),
+    "2.2": (lambda n: ((n + 1) / 2) ** 2.2, "power curve of exponent 0.45"),
+    "srgb": (lambda n: 1.055 * ((n + 1) / 2) ** (1 / 2.4) - 0.055, "the sRGB curve"),
+    "two channels": (_two_channels, "z is computed"),
+}
+
+
+@pytest.mark.parametrize("name", CURVES)
 @pytest.mark.parametrize("most", [255, 65535])
-def test_curves_and_two_channels_are_undone(
-    tmp_path: Path, coded_as: Callable[..., Float64], said: str, most: int
-) -> None:
+def test_curves_and_two_channels_are_undone(tmp_path: Path, name: str, most: int) -> None:
+    coded_as, said = CURVES[name]
     # Away from black, where the sRGB curve is a line.
     normals = surface(0.8)
     samples = np.rint(coded_as(normals) * most).astype(np.uint8 if most == 255 else np.uint16)

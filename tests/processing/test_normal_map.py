@@ -14,43 +14,28 @@ def _flat(height=4, width=5):
     return normals, np.ones((height, width), bool)
 
 
-def _broken(change):
-    normals, mask = _flat()
-    return change(normals, mask)
-
-
 def _set(array, where, value):
     array[where] = value
     return array
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        pytest.param(
-            lambda n, m: (_set(n, (1, 2), (0, 0, 0.99)), m),
-            "row 1, column 2 inside",
-            id="short",
-        ),
-        pytest.param(
-            lambda n, m: (_set(n, (3, 0, 1), np.nan), m), "row 3, column 0 inside", id="nan"
-        ),
-        pytest.param(
-            lambda n, m: (_set(n, (0, 4), (0, 0, 0)), m), "row 0, column 4 inside", id="zero"
-        ),
-        pytest.param(
-            lambda n, m: (n, _set(m, (2, 2), False)), "row 2, column 2 outside", id="outside"
-        ),
-        pytest.param(lambda n, m: (n * 0, m & False), "empty mask", id="empty-mask"),
-        pytest.param(lambda n, m: (n[..., :2], m), r"\(H, W, 3\)", id="two-channels"),
-        pytest.param(lambda n, m: (n, m[:-1]), "bool mask of shape", id="other-size"),
-        pytest.param(lambda n, m: (n, m.astype(np.uint8)), "bool mask", id="mask-of-bytes"),
-    ],
-)
-def test_an_invalid_normal_map_is_refused(change, message):
-    normals, mask = _broken(change)
+INVALID = {
+    "short": (lambda n, m: (_set(n, (1, 2), (0, 0, 0.99)), m), "row 1, column 2 inside"),
+    "nan": (lambda n, m: (_set(n, (3, 0, 1), np.nan), m), "row 3, column 0 inside"),
+    "zero": (lambda n, m: (_set(n, (0, 4), (0, 0, 0)), m), "row 0, column 4 inside"),
+    "outside": (lambda n, m: (n, _set(m, (2, 2), False)), "row 2, column 2 outside"),
+    "empty mask": (lambda n, m: (n * 0, m & False), "empty mask"),
+    "two channels": (lambda n, m: (n[..., :2], m), r"\(H, W, 3\)"),
+    "other size": (lambda n, m: (n, m[:-1]), "bool mask of shape"),
+    "mask of bytes": (lambda n, m: (n, m.astype(np.uint8)), "bool mask"),
+}
+
+
+@pytest.mark.parametrize("name", INVALID)
+def test_an_invalid_normal_map_is_refused(name):
+    change, message = INVALID[name]
     with pytest.raises(DataError, match=message):
-        NormalMap(normals, mask)
+        NormalMap(*change(*_flat()))
 
 
 def test_half_float_rounding_is_accepted():

@@ -50,11 +50,6 @@ def test_invalid_vectors_outside_the_mask_are_not_counted(tmp_path):
     assert "16 pixels of the mask have no unit vector" in str(warnings[1])
 
 
-def test_a_map_without_invalid_vectors_gives_no_warning(tmp_path):
-    write_exr(tmp_path / "n.exr", dome())
-    assert read_normals(tmp_path / "n.exr").warnings == ()
-
-
 @pytest.mark.parametrize("far", [1e30, 1e300, 3e38])
 def test_vectors_too_long_to_square(tmp_path, far):
     normals = dome().astype(np.float64)
@@ -68,12 +63,9 @@ def test_vectors_too_long_to_square(tmp_path, far):
 @pytest.mark.parametrize("name", ["n.exr", "n.png", "n.npy"])
 def test_the_limit_on_pixels(tmp_path, name):
     path = tmp_path / name
-    if name == "n.npy":
-        np.save(path, dome())
-    elif name == "n.png":
-        write_png(path, np.rint((dome() / 2 + 0.5) * 65535).astype(np.uint16))
-    else:
-        write_exr(path, dome())
+    words = np.rint((dome() / 2 + 0.5) * 65535).astype(np.uint16)
+    write = {"n.npy": np.save, "n.png": write_png, "n.exr": write_exr}[name]
+    write(path, words if name == "n.png" else dome())
     assert read_normals(path, max_pixels=192).normal_map.size == SIZE
     with pytest.raises(DataError, match="are allowed"):
         read_normals(path, max_pixels=142)

@@ -244,50 +244,45 @@ def test_faces_behind_the_camera_are_reported_and_left_out():
     assert np.nanmax(np.abs(view.height)) < 1e-3
 
 
-@pytest.mark.parametrize(
-    ("options", "kind", "words"),
-    [
-        pytest.param({"unit_mm": 0.0}, DataError, "unit of 0.0 mm", id="unit"),
-        pytest.param({"pixel_mm": np.nan}, DataError, "pixel of nan mm", id="pixel"),
-        pytest.param({"pixel_mm": 1e-4}, DataError, "too large", id="huge"),
-        pytest.param({"size": (70_000, 1)}, DataError, "too large", id="long"),
-        pytest.param({"camera": CAMERA, "pixel_mm": 1.0}, DataError, "only one", id="two scales"),
-        pytest.param({"camera": CAMERA, "size": (9, 9)}, DataError, "9 x 9", id="two sizes"),
-        pytest.param(
-            {"camera": CameraModel(CAMERA.K, 300, 240)}, DataError, "working", id="no distance"
-        ),
-        pytest.param(
-            {"size": (1, 2), "pixel_mm": 300.0}, EstimateError, "120 x 120 mm", id="nothing seen"
-        ),
-    ],
-)
-def test_invalid_projections_are_refused(options, kind, words):
+REFUSED = {
+    "unit": ({"unit_mm": 0.0}, DataError, "unit of 0.0 mm"),
+    "pixel": ({"pixel_mm": np.nan}, DataError, "pixel of nan mm"),
+    "huge": ({"pixel_mm": 1e-4}, DataError, "too large"),
+    "long": ({"size": (70_000, 1)}, DataError, "too large"),
+    "two scales": ({"camera": CAMERA, "pixel_mm": 1.0}, DataError, "only one"),
+    "two sizes": ({"camera": CAMERA, "size": (9, 9)}, DataError, "9 x 9"),
+    "no distance": ({"camera": CameraModel(CAMERA.K, 300, 240)}, DataError, "working"),
+    "nothing seen": ({"size": (1, 2), "pixel_mm": 300.0}, EstimateError, "120 x 120 mm"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_invalid_projections_are_refused(name):
+    options, kind, words = REFUSED[name]
     with pytest.raises(kind, match=words):
         project(_plane(0.0, 0.0), **options)
 
 
-@pytest.mark.parametrize(
-    ("options", "right", "up", "toward"),
-    [
-        pytest.param({}, (1, 0, 0), (0, 1, 0), (0, 0, 1), id="front"),
-        pytest.param({"view": "back"}, (-1, 0, 0), (0, 1, 0), (0, 0, -1), id="back"),
-        pytest.param({"view": "left"}, (0, 0, 1), (0, 1, 0), (-1, 0, 0), id="left"),
-        pytest.param({"view": "right"}, (0, 0, -1), (0, 1, 0), (1, 0, 0), id="right"),
-        pytest.param({"view": "top"}, (1, 0, 0), (0, 0, -1), (0, 1, 0), id="top"),
-        pytest.param({"view": "bottom"}, (1, 0, 0), (0, 0, 1), (0, -1, 0), id="bottom"),
-        pytest.param({"up": "z"}, (1, 0, 0), (0, 0, 1), (0, -1, 0), id="z up, front"),
-        pytest.param({"up": "z", "view": "top"}, (1, 0, 0), (0, 1, 0), (0, 0, 1), id="z up, top"),
-        pytest.param({"look": (-5, 0, 0)}, (0, 0, -1), (0, 1, 0), (1, 0, 0), id="look"),
-        pytest.param(
-            {"look": (0, 3, 0), "up": "z"}, (1, 0, 0), (0, 0, 1), (0, -1, 0), id="look, z up"
-        ),
-        pytest.param({"rotate_deg": (90, 0, 0)}, (1, 0, 0), (0, 0, -1), (0, 1, 0), id="turned"),
-        pytest.param(
-            {"rotate_deg": (90, 90, 0)}, (0, 1, 0), (0, 0, -1), (-1, 0, 0), id="x before y"
-        ),
-    ],
-)
-def test_views_show_the_named_side(options, right, up, toward):
+# The axes of the file that point to the right, up, and toward the viewer.
+VIEWS = {
+    "front": ({}, (1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    "back": ({"view": "back"}, (-1, 0, 0), (0, 1, 0), (0, 0, -1)),
+    "left": ({"view": "left"}, (0, 0, 1), (0, 1, 0), (-1, 0, 0)),
+    "right": ({"view": "right"}, (0, 0, -1), (0, 1, 0), (1, 0, 0)),
+    "top": ({"view": "top"}, (1, 0, 0), (0, 0, -1), (0, 1, 0)),
+    "bottom": ({"view": "bottom"}, (1, 0, 0), (0, 0, 1), (0, -1, 0)),
+    "z up, front": ({"up": "z"}, (1, 0, 0), (0, 0, 1), (0, -1, 0)),
+    "z up, top": ({"up": "z", "view": "top"}, (1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    "look": ({"look": (-5, 0, 0)}, (0, 0, -1), (0, 1, 0), (1, 0, 0)),
+    "look, z up": ({"look": (0, 3, 0), "up": "z"}, (1, 0, 0), (0, 0, 1), (0, -1, 0)),
+    "turned": ({"rotate_deg": (90, 0, 0)}, (1, 0, 0), (0, 0, -1), (0, 1, 0)),
+    "x before y": ({"rotate_deg": (90, 90, 0)}, (0, 1, 0), (0, 0, -1), (-1, 0, 0)),
+}
+
+
+@pytest.mark.parametrize("name", VIEWS)
+def test_views_show_the_named_side(name):
+    options, right, up, toward = VIEWS[name]
     turn = view_rotation(**options)
     np.testing.assert_allclose(turn, np.array([right, up, toward], float), atol=1e-12)
 

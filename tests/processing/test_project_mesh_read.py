@@ -91,37 +91,28 @@ def test_a_scene_of_several_parts_is_one_mesh_in_scene_coordinates(tmp_path):
     assert read.vertices[:, 0].max() == pytest.approx(6.0, abs=0.1)
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "normals"),
-    [
-        pytest.param("a.xyz", "# three\n0 0 0\n1 0 0\n\n0 1 0\n", None, id="xyz"),
-        pytest.param("a.xyz", "0,0,0\n1,0,0\n0,1,0\n", None, id="commas"),
-        pytest.param("a.xyz", "0 0 0 0 0 1\n1 0 0 0 0 1\n0 1 0 0 0 1\n", 1, id="xyz, normals"),
-        pytest.param(
-            "a.xyz", "0 0 0 9 9 200\n1 0 0 9 9 200\n0 1 0 9 9 200\n", None, id="xyz, colours"
-        ),
-        pytest.param(
-            "a.ply", CLOUD.format(count=3, more="", lines="0 0 0\n1 0 0\n0 1 0"), None, id="ply"
-        ),
-        pytest.param(
-            "a.ply",
-            CLOUD.format(count=3, more=NORMALS, lines="0 0 0 0 0 1\n1 0 0 0 0 1\n0 1 0 0 0 1"),
-            1,
-            id="ply, normals",
-        ),
-        pytest.param(
-            "a.ply",
-            CLOUD.format(
-                count=3,
-                more="element face 0\nproperty list uchar int vertex_indices\n",
-                lines="0 0 0\n1 0 0\n0 1 0",
-            ),
-            None,
-            id="ply of no faces",
-        ),
-    ],
-)
-def test_point_clouds_of_every_kind(tmp_path, name, text, normals):
+POINTS = ("0 0 0", "1 0 0", "0 1 0")
+
+
+def _lines(more=""):
+    return "\n".join(point + more for point in POINTS)
+
+
+NO_FACES = "element face 0\nproperty list uchar int vertex_indices\n"
+CLOUDS = {
+    "xyz": ("a.xyz", "# three\n0 0 0\n1 0 0\n\n0 1 0\n", None),
+    "commas": ("a.xyz", "0,0,0\n1,0,0\n0,1,0\n", None),
+    "xyz, normals": ("a.xyz", _lines(" 0 0 1") + "\n", 1),
+    "xyz, colours": ("a.xyz", _lines(" 9 9 200") + "\n", None),
+    "ply": ("a.ply", CLOUD.format(count=3, more="", lines=_lines()), None),
+    "ply, normals": ("a.ply", CLOUD.format(count=3, more=NORMALS, lines=_lines(" 0 0 1")), 1),
+    "no faces": ("a.ply", CLOUD.format(count=3, more=NO_FACES, lines=_lines()), None),
+}
+
+
+@pytest.mark.parametrize("kind", CLOUDS)
+def test_point_clouds_of_every_kind(tmp_path, kind):
+    name, text, normals = CLOUDS[kind]
     path = tmp_path / name
     path.write_text(text, encoding="ascii")
     read = read_geometry(path)

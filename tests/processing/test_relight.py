@@ -258,38 +258,33 @@ def test_a_recording_in_colour_with_saturation(ball, tmp_path):
     )
 
 
-@pytest.mark.parametrize(
-    ("call", "kind", "message"),
-    [
-        (lambda ball: light_basis([[0, 0]], "ptm"), DataError, "3 coordinates"),
-        (lambda ball: light_basis([0, 0, 0], "ptm"), DataError, "no length"),
-        (lambda ball: light_basis([0, 0, -1], "ptm"), DataError, "above the horizon"),
-        (lambda ball: light_basis([0, np.nan, 1], "ptm"), DataError, "not finite"),
-        (lambda ball: light_basis([0, 0, 1], "sh"), DataError, "a basis is one of"),
-        (lambda ball: fit_normals(ball, np.ones((4, 4))), DataError, "an albedo of shape"),
-        (lambda ball: fit_normals(ball, np.zeros((48, 48))), EstimateError, "black"),
-        (
-            lambda ball: RelightableImage("ptm", np.zeros((4, 4, 5), "f4")),
-            DataError,
-            "coefficients of shape",
-        ),
-        (
-            lambda ball: write_ptm("x.ptm", RelightableImage("hsh4", np.zeros((4, 4, 4, 3), "f4"))),
-            DataError,
-            "has the basis 'ptm'",
-        ),
-        (
-            lambda ball: write_rti_planes(
-                ".", RelightableImage("hsh4", np.zeros((4, 4, 4, 3), "f4")), [[0, 0, 1]], quality=0
-            ),
-            DataError,
-            "quality",
-        ),
-    ],
-)
-def test_bad_arguments(ball, call, kind, message):
-    with pytest.raises(kind, match=message):
+OTHER = RelightableImage("hsh4", np.zeros((4, 4, 4, 3), "f4"))
+WRONG = {
+    "two numbers": (lambda _: light_basis([[0, 0]], "ptm"), "3 coordinates"),
+    "no length": (lambda _: light_basis([0, 0, 0], "ptm"), "no length"),
+    "behind": (lambda _: light_basis([0, 0, -1], "ptm"), "above the horizon"),
+    "nan": (lambda _: light_basis([0, np.nan, 1], "ptm"), "not finite"),
+    "basis": (lambda _: light_basis([0, 0, 1], "sh"), "a basis is one of"),
+    "albedo": (lambda ball: fit_normals(ball, np.ones((4, 4))), "an albedo of shape"),
+    "terms": (
+        lambda _: RelightableImage("ptm", np.zeros((4, 4, 5), "f4")),
+        "coefficients of shape",
+    ),
+    "basis of a file": (lambda _: write_ptm("x.ptm", OTHER), "has the basis 'ptm'"),
+    "quality": (lambda _: write_rti_planes(".", OTHER, [[0, 0, 1]], quality=0), "quality"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_bad_arguments(ball, name):
+    call, message = WRONG[name]
+    with pytest.raises(DataError, match=message):
         call(ball)
+
+
+def test_a_black_surface_is_refused(ball):
+    with pytest.raises(EstimateError, match="black"):
+        fit_normals(ball, np.zeros((48, 48)))
 
 
 # Two pixels, the lower one first: 2 x (byte - 1), and for 1 also minus 100; colours in the end.

@@ -16,7 +16,7 @@ from processing.stages import Need
 from processing.surface import SurfaceStage
 from processing.surface.blocks import surface_stage
 from sgp.stages import memory_limit as _memory_limit
-from sgp.stages import stored_run as _stored_run
+from sgp.stages import run_stages as _run_stages
 from tests.sgp.test_cli_memory import files, stop
 from tests.sgp.test_cli_near import HEIGHT, NORMALS, PIXEL_MM, panel, write_images
 
@@ -36,7 +36,7 @@ def small_process(monkeypatch: pytest.MonkeyPatch) -> None:
         (surface_stage, "_PROGRAM"),
     ):
         monkeypatch.setattr(module, name, 0)
-    for module in (_stored_run, _memory_limit):  # the map is too small for several bands
+    for module in (_run_stages, _memory_limit):  # the map is too small for several bands
         monkeypatch.setattr(module, "is_in_bands", lambda memory, need: memory is not None)
 
 
@@ -63,7 +63,7 @@ def test_what_is_complete_is_not_done_again(sgp, given, tmp_path, monkeypatch) -
     out, written = tmp_path / "out", []
     command = [*given, "--out", out, "--memory", LITTLE]
     for name in ("write_normals_stage", "write_separation", "integrated"):
-        monkeypatch.setattr(_stored_run, name, noted(getattr(_stored_run, name), name, written))
+        monkeypatch.setattr(_run_stages, name, noted(getattr(_run_stages, name), name, written))
     with monkeypatch.context() as patched:
         patched.setattr(BandStore, "complete", stop(KeyboardInterrupt(), 1))
         assert sgp(*command).code == 130
@@ -71,7 +71,7 @@ def test_what_is_complete_is_not_done_again(sgp, given, tmp_path, monkeypatch) -
     assert (out / "normals" / ".part-normals").is_dir()
     for name in ("write_separation", "integrated", "surface_panels"):
         with monkeypatch.context() as patched:
-            patched.setattr(_stored_run, name, raises)
+            patched.setattr(_run_stages, name, raises)
             assert sgp(*command).code == 130
     line = sgp(*command, "--stl").error_line(2)
     assert "differs in stl: repeat that command" in line

@@ -12,10 +12,9 @@ import processing
 from sgp.app import build, run
 from sgp.cli import console as _console
 from sgp.cli.console import Stages, shown
-from sgp.cli.options import SourceOptions
 from sgp.pictures.sheet import Panel, write_overview
-from sgp.stages.pipeline import process
 from sgp.stages.recording import Stopwatch, open_source
+from sgp.stages.run_stages import RunOptions, processed
 
 
 def dome(size: int = 48) -> processing.NormalMap:
@@ -129,7 +128,8 @@ def test_every_stage_of_a_run_is_shown_to_its_end(recording: Path, tmp_path, mon
     source, files = open_source(recording, lights=recording.parent / "lights.json")
 
     def call() -> None:
-        process(source, files, tmp_path / "out", Stopwatch(), SourceOptions())
+        with processed(source, files, tmp_path / "out", Stopwatch(), RunOptions()):
+            pass
         write_overview(tmp_path / "a.png", "", [Panel("a", lambda axes: axes.plot([0, 1]))] * 3)
 
     stages = stages_of(monkeypatch, call)

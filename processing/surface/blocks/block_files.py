@@ -14,12 +14,12 @@ import numpy as np
 from acquisition import write_durably
 from acquisition.files import BandFile, DamagedMapsError
 from processing.surface.blocks.plan import plan_blocks
-from rig.arrays import AnyArray, Float32, Float64, Int32
+from rig.arrays import AnyArray, Float32
 
 Record = dict[str, AnyArray]
 
 _WHOLE, _HEAD = slice(None), 4
-_SOLUTION, _LABELS = np.dtype(np.float64), np.dtype(np.int32)
+_KINDS: dict[str, np.dtype[Any]] = {"solution": np.dtype(np.float64), "labels": np.dtype(np.int32)}
 
 
 class BlockFiles:
@@ -51,7 +51,7 @@ class BlockFiles:
         self._fresh: dict[str, int] = {}
         plan = self.record("plan")
         if plan is None or plan["rows"] > rows:
-            self.remove(folder)
+            remove_steps(folder)
             plan = self.complete("plan", rows=rows)
         self.blocks = plan_blocks(size[0], int(plan["rows"]))
         form = (size[0], 2, size[1]), np.dtype(np.float32)
@@ -82,25 +82,32 @@ class BlockFiles:
         self._fresh = {}
         return {key: np.asarray(value) for key, value in record.items()}
 
-    def solution(self, number: int, after: int, rows: slice = _WHOLE) -> Float64:
-        """Return rows ``(h, W)`` of the solution of a block after some rounds."""
-        return self._read(f"solution-{number}-{after}", number, _SOLUTION, rows)
+    def read(self, name: str, rows: slice = _WHOLE) -> AnyArray:
+        """Return rows ``(h, W)`` of a map of a block.
 
-    def write_solution(self, number: int, after: int, u: Float64) -> None:
-        """Write the solution of a block after some rounds."""
-        self._write(f"solution-{number}-{after}", number, np.asarray(u, _SOLUTION))
+        Parameters
+        ----------
+        name
+            ``labels-2`` for the parts of block 2, ``solution-2-1`` for its solution after a round.
+        rows
+            Rows of the block.
+        """
+        (shape, kind), path = self._form(name), self._folder / f"{name}.raw"
+        size = path.stat().st_size if path.is_file() else None
+        if size != math.prod(shape) * kind.itemsize:
+            what = "was deleted" if size is None else "has another size"
+            raise DamagedMapsError(path, f"{what} since it was computed")
+        with closing(BandFile(path, shape, kind)) as file:
+            if name in self._unchecked:
+                self._check(path, name, file[:])
+            return file[rows]
 
-    def remove_solution(self, number: int, after: int) -> None:
-        """Remove the solution of a block after some rounds, if it is there."""
-        self._path(f"solution-{number}-{after}").unlink(missing_ok=True)
-
-    def labels(self, number: int, rows: slice = _WHOLE) -> Int32:
-        """Return rows ``(h, W)`` of the parts of a block."""
-        return self._read(f"labels-{number}", number, _LABELS, rows)
-
-    def write_labels(self, number: int, labels: Int32) -> None:
-        """Write the parts of a block."""
-        self._write(f"labels-{number}", number, np.asarray(labels, _LABELS))
+    def write(self, name: str, values: AnyArray) -> None:
+        """Write a map of a block, with a name as for `read`."""
+        with closing(BandFile(self._folder / f"{name}.raw", *self._form(name))) as file:
+            file[:] = values
+            file.sync()
+        self._fresh[name] = _checksum(values)
 
     def core_weights(self, number: int) -> Float32:
         """Return the weights ``(h, 2, W)`` of the core of a block."""
@@ -114,46 +121,32 @@ class BlockFiles:
         self.weights.sync()
         self._fresh[f"weights-{number}"] = _checksum(weights)
 
-    def remove_weights(self) -> None:
+    def close_weights(self) -> None:
         """Remove the weights, after the last round."""
         self.weights.close()
-        self.weights.path.unlink(missing_ok=True)
+        self.remove("weights")
 
-    @staticmethod
-    def remove(folder: Path) -> None:
-        """Remove the files of all steps."""
-        for pattern in ("step-*.npz", "solution-*.raw", "labels-*.raw", "weights.raw"):
-            for path in folder.glob(pattern):
-                path.unlink()
-
-    def _read(self, name: str, number: int, kind: np.dtype[Any], rows: slice) -> AnyArray:
-        form, path = self._form(number), self._path(name)
-        size = path.stat().st_size if path.is_file() else None
-        if size != math.prod(form) * kind.itemsize:
-            what = "was deleted" if size is None else "has another size"
-            raise DamagedMapsError(path, f"{what} since it was computed")
-        with closing(BandFile(path, form, kind)) as file:
-            if name in self._unchecked:
-                self._check(path, name, file[:])
-            return file[rows]
-
-    def _write(self, name: str, number: int, values: AnyArray) -> None:
-        with closing(BandFile(self._path(name), self._form(number), values.dtype)) as file:
-            file[:] = values
-            file.sync()
-        self._fresh[name] = _checksum(values)
+    def remove(self, name: str) -> None:
+        """Remove a map, if it is there."""
+        (self._folder / f"{name}.raw").unlink(missing_ok=True)
 
     def _check(self, path: Path, name: str, values: AnyArray) -> None:
         """Compare what an earlier process wrote with its checksum, once."""
         if self._unchecked.pop(name, None) not in (None, _checksum(values)):
             raise DamagedMapsError(path, "was changed since it was computed")
 
-    def _form(self, number: int) -> tuple[int, int]:
-        rows = self.blocks.blocks[number].rows
-        return rows.stop - rows.start, self._width
+    def _form(self, name: str) -> tuple[tuple[int, int], np.dtype[Any]]:
+        """Return shape and type of a map of a block."""
+        of, number = name.split("-")[:2]
+        rows = self.blocks.blocks[int(number)].rows
+        return (rows.stop - rows.start, self._width), _KINDS[of]
 
-    def _path(self, name: str) -> Path:
-        return self._folder / f"{name}.raw"
+
+def remove_steps(folder: Path) -> None:
+    """Remove the files of all steps."""
+    for pattern in ("step-*.npz", "solution-*.raw", "labels-*.raw", "weights.raw"):
+        for path in folder.glob(pattern):
+            path.unlink()
 
 
 def _head(data: bytes) -> bytes:

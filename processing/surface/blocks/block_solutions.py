@@ -2,11 +2,62 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from processing.surface.blocks.block_files import BlockFiles
-from processing.surface.blocks.seams import Seam, Side
-from rig.arrays import Float64
+from rig.arrays import Float32, Float64, Int32
+
+
+class Side(NamedTuple):
+    """One of the two solutions in the shared rows.
+
+    Parameters
+    ----------
+    u
+        ``(2h, W)`` solution, up to a constant for each part.
+    labels
+        ``(2h, W)`` part of each pixel, numbered over all blocks; -1 for pixels without edges.
+    """
+
+    u: Float64
+    labels: Int32
+
+
+class Seam(NamedTuple):
+    """Rows that two blocks share.
+
+    Parameters
+    ----------
+    rows
+        The rows of the image.
+    share
+        ``(2h,)`` share of the upper block in the blend, 1 to 0.
+    down
+        ``(2h, W)`` weights of the edges to the next row.
+    difference
+        ``(2h, W)`` solution of the upper block minus that of the lower one; 0 where one has none.
+    """
+
+    rows: slice
+    share: Float64
+    down: Float32
+    difference: Float64
+
+    def residual(self, difference: Float64) -> Float64:
+        """Return the residual ``(2h, W)`` of the blend of two solutions with this difference."""
+        found = np.zeros_like(difference)
+        change = (self.share[:-1] - self.share[1:])[:, None] * self.down[:-1]
+        found[:-1] -= change * difference[1:]
+        found[1:] += change * difference[:-1]
+        return found
+
+    @property
+    def largest(self) -> float:
+        """Largest difference that the blend does not hide: where both have a share."""
+        hidden = (self.share * (1 - self.share))[:, None]
+        return float(4 * np.abs(hidden * self.difference).max())
 
 
 class OwnSolutions:
@@ -27,7 +78,7 @@ class OwnSolutions:
     def advanced(self, number: int, after: int) -> None:
         """Use the solution of a block after a round, and remove that before it."""
         self._after[number] = after
-        self.files.remove_solution(number, after - 1)
+        self.files.remove(f"solution-{number}-{after - 1}")
 
     def all_advanced(self, after: int) -> None:
         """Use the solutions after a round."""
@@ -35,8 +86,8 @@ class OwnSolutions:
 
     def solution(self, number: int, rows: slice = slice(None)) -> Side:
         """Return rows of the solution of a block, counted from its first one."""
-        u = self.files.solution(number, self._after[number], rows)
-        labels = self.files.labels(number, rows)
+        u = self.files.read(f"solution-{number}-{self._after[number]}", rows)
+        labels = self.files.read(f"labels-{number}", rows)
         if not self._after[number]:
             u += np.append(self.constants, 0)[labels]
         return Side(u, labels)

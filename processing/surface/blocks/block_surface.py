@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
 
 from acquisition import CameraModel, DataError, MapRows
 from acquisition.files import BandStore, DamagedMapsError, Maps
-from calibration import EstimateError
-from processing.stages.stage import NormalRows, size_of
-from processing.surface.blocks.block_files import BlockFiles
-from processing.surface.blocks.plan import Blocks
+from processing.stages.stage import NormalRows
+from processing.surface.blocks.block_files import remove_steps
 from processing.surface.blocks.solution import BlockSolution, solve_in_blocks
 from processing.surface.consistency import angle_between_deg, consistency_warning
 from processing.surface.edge_certainty import variances
 from processing.surface.height_map import BlockFigures, HeightMap
 from processing.surface.integrability_test import integrability
-from processing.surface.scale import DEPTH_RANGE, Scale, check_view, scale_of
+from processing.surface.scale import Scale, check_depth_range, check_view, nothing_faces, scale_of
 from processing.surface.surface_notices import doubts_of_solution, parts_notices
 from rig import Notice, Progress, no_progress
-from rig.arrays import Bool, Float64
+from rig.arrays import Bool, Float64, Int32
 
 # The median of deviations is that of some rows with about this number of pixels.
 _SAMPLE = 4_000_000
@@ -102,25 +101,20 @@ def integrate_in_blocks(
     check_view(mask, camera, pixel_mm, depth_mm)
     relative, _ = variances(sigma_deg, mask, most=_SAMPLE)
     shape = integrability(normals, mask)
-    size = size_of(normal_map)
+    problem = normals, relative, camera, store, rows, on_progress
     try:
-        files = BlockFiles(store.folder, size, rows)
-        solved = solve_in_blocks(normals, relative, camera, files, store, on_progress)
+        solved = solve_in_blocks(*problem)
     except DamagedMapsError:
         if not replace:
             raise
-        BlockFiles.remove(store.folder)
-        files = BlockFiles(store.folder, size, rows)
-        solved = solve_in_blocks(normals, relative, camera, files, store, on_progress)
+        remove_steps(store.folder)
+        solved = solve_in_blocks(*problem)
     pixels = int(solved.sizes.sum())
     if not pixels:
-        raise EstimateError(
-            "no two neighbouring pixels of the normal map face the camera, so there is nothing to "
-            "integrate: check the axes of the map (Z toward the camera) and its mask"
-        )
+        raise nothing_faces()
     step = scale.step_px if camera is None else -scale.step_px
     angle_deg = angle_between_deg(step * solved.wanted, step * solved.found)
-    inside, (lowest, highest) = _placed(solved, files.blocks, scale, depth_mm, store, on_progress)
+    inside, (lowest, highest) = _placed(solved, scale, depth_mm, store, on_progress)
     error = solved.rounds.error * (scale.distance or scale.pixel_size)
     notices = [
         *parts_notices(len(solved.means), int(np.count_nonzero(mask)) - pixels),
@@ -145,13 +139,12 @@ def integrate_in_blocks(
         warnings=tuple(notices),
         disagreement_deg=angle_deg,
         curl=shape.curl,
-        blocks=BlockFigures(len(files.blocks.blocks), solved.rounds.number, error),
+        blocks=BlockFigures(len(solved.blocks.blocks), solved.rounds.number, error),
     )
 
 
 def _placed(
     solved: BlockSolution,
-    blocks: Blocks,
     scale: Scale,
     near: MapRows | None,
     maps: Maps,
@@ -159,21 +152,24 @@ def _placed(
 ) -> tuple[Bool, tuple[float, float]]:
     """Write heights and depths in their unit; return their pixels and their range."""
     raised, factors = np.zeros(len(solved.means)), np.ones(len(solved.means))
-    near_means = None if near is None else _part_means(solved, blocks, near)
+    near_means = None
+    if near is not None:
+        near_means = solved.part_means(lambda rows, inside, _: near[rows][inside])
     if scale.distance is not None:
         wanted = scale.distance if near_means is None else near_means
-        factors = wanted / _mean_depths(solved, blocks)
+        factors = wanted / solved.part_means(functools.partial(_depths, solved))
     elif near_means is not None:
         raised = -near_means
+    blocks = solved.blocks.blocks
     known = np.zeros(solved.u.shape, np.bool_)
     lowest, highest = math.inf, -math.inf
-    on_progress("placing", 0, len(blocks.blocks))
-    for number, block in enumerate(blocks.blocks):
+    on_progress("placing", 0, len(blocks))
+    for number, block in enumerate(blocks):
         rows = block.core
         labels = solved.parts[rows]
         known[rows] = inside = labels >= 0
         members = labels[inside]
-        u = solved.u[rows][inside] - solved.means[members]
+        u = solved.centred(rows, inside, members)
         values = np.full(labels.shape, np.nan, np.float32)
         if scale.distance is None:
             found = scale.pixel_size * u + raised[members]
@@ -186,31 +182,12 @@ def _placed(
         if len(found):
             lowest = min(lowest, float(values[inside].min()))
             highest = max(highest, float(values[inside].max()))
-        on_progress("placing", number + 1, len(blocks.blocks))
+        on_progress("placing", number + 1, len(blocks))
     return known, (lowest, highest)
 
 
-def _part_means(solved: BlockSolution, blocks: Blocks, values: MapRows) -> Float64:
-    """Return the mean over each part of the rows of a map."""
-    sums = np.zeros(len(solved.means))
-    for block in blocks.blocks:
-        labels = solved.parts[block.core]
-        inside = labels >= 0
-        sums += np.bincount(labels[inside], values[block.core][inside], len(sums))
-    return np.asarray(sums / solved.sizes, np.float64)
-
-
-def _mean_depths(solved: BlockSolution, blocks: Blocks) -> Float64:
-    """Return the mean depth of each part for a logarithm of the depth with mean 0."""
-    sums = np.zeros(len(solved.means))
-    for block in blocks.blocks:
-        labels = solved.parts[block.core]
-        inside = labels >= 0
-        u = solved.u[block.core][inside] - solved.means[labels[inside]]
-        if len(u) and np.abs(u).max() > math.log(DEPTH_RANGE):
-            raise EstimateError(
-                f"the depth would vary by more than a factor of {DEPTH_RANGE:g}: the camera matrix "
-                "does not belong to this normal map, or the axes of the map are wrong"
-            )
-        sums += np.bincount(labels[inside], np.exp(u), len(sums))
-    return np.asarray(sums / solved.sizes, np.float64)
+def _depths(solved: BlockSolution, rows: slice, inside: Bool, members: Int32) -> Float64:
+    """Return depths for a logarithm of the depth with mean 0, see `BlockSolution.part_means`."""
+    u = solved.centred(rows, inside, members)
+    check_depth_range(u)
+    return np.asarray(np.exp(u), np.float64)

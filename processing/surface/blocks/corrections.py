@@ -6,9 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from processing.surface.blocks.block_solutions import OwnSolutions
+from processing.surface.blocks.block_solutions import OwnSolutions, Seam
 from processing.surface.blocks.coarse import CoarseGrid
-from processing.surface.blocks.seams import Seam
 from processing.surface.grid_graph import label_parts
 from processing.surface.multigrid import solve
 from rig import Progress
@@ -179,7 +178,7 @@ def _change(
             ends = change[:shared].astype(np.float32), change[-shared:].astype(np.float32)
             most = max(float(change.max()), -float(change.min()))
             change += own.solution(number).u
-            files.write_solution(number, count + 1, change)
+            files.write(f"solution-{number}-{count + 1}", change)
             del change
             done = files.complete(name, above=ends[0], below=ends[1], largest=most)
         own.advanced(number, count + 1)

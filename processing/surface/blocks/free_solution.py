@@ -2,69 +2,32 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from acquisition import CameraModel, MapRows
-from processing.surface.blocks.plan import Block
+from processing.surface.blocks.block_files import BlockFiles, Record
+from processing.surface.blocks.block_solutions import Side
+from processing.surface.blocks.kernels import extremes
+from processing.surface.blocks.local_parts import NO_MEETING, meeting_of
 from processing.surface.chord_rule import ChordRule
+from processing.surface.consistency import some_steps
 from processing.surface.edge_certainty import certainties
 from processing.surface.grid_graph import divergence, label_parts
-from processing.surface.multigrid import Solution, solve
-from rig.arrays import Float32, Float64, Int32, Int64
+from processing.surface.multigrid import solve
 
-
-class FreeSolution(NamedTuple):
-    """The solution of one block.
-
-    Parameters
-    ----------
-    u
-        ``(h, W)`` solution, up to a constant for each part.
-    right, down
-        ``(h, W)`` float32 weights of the edges to the right and down.
-    labels, part_count
-        ``(h, W)`` part of each pixel, -1 without edges, and the number of parts.
-    steps
-        Some steps that the normals demand.
-    solution
-        What the solver reports.
-    """
-
-    u: Float64
-    right: Float32
-    down: Float32
-    labels: Int32
-    part_count: int
-    steps: SomeSteps
-    solution: Solution
-
-
-class SomeSteps(NamedTuple):
-    """Steps between pixels of the core of a block.
-
-    Parameters
-    ----------
-    here, there
-        Flat numbers of the pixels in the core.
-    steps
-        The steps that the normals demand.
-    """
-
-    here: Int64
-    there: Int64
-    steps: Float64
+# Steps that show whether the surface has the slopes of the normals, in each direction.
+_STEPS = 20_000
 
 
 def solve_freely(
     normals: MapRows,
     relative: MapRows | None,
-    block: Block,
     camera: CameraModel | None,
-    every: int,
-) -> FreeSolution:
-    """Solve one block.
+    files: BlockFiles,
+    number: int,
+    before: int,
+) -> Record:
+    """Solve one block, write its solution, its parts and its weights, and return their record.
 
     Parameters
     ----------
@@ -72,14 +35,17 @@ def solve_freely(
         ``(H, W, 3)`` float32, 0 where a normal is not known.
     relative
         ``(H, W)`` variances of the normals; None if all are equal.
-    block
-        The block.
     camera
         A perspective camera; None for an orthographic view.
-    every
-        Which share of the steps is returned.
+    files
+        Files of the blocks.
+    number
+        Number of the block.
+    before
+        Number of parts of the blocks above.
     """
     height, width = normals.shape[:2]
+    block, shared = files.blocks.blocks[number], 2 * files.blocks.halo
     rows = block.rows
     # A step depends on the normals before and after its edge, too.
     wide = slice(max(rows.start - 1, 0), min(rows.stop + 1, height))
@@ -101,27 +67,33 @@ def solve_freely(
         leaving *= factors[1][len(down) - 2]
     down[-2] = 0
     labels, count = label_parts(right, down)
-    steps = _some(right, down, step_right, step_down, block, every)
+    first = block.inner.start + 1
+    core = np.s_[first : first + block.core.stop - block.core.start, 1:-1]
+    every = max(1, height * width // _STEPS)
+    steps = some_steps(right[core], down[core], step_right[core], step_down[core], every)
     b = divergence(right, down, step_right, step_down)
     del step_right, step_down
     solution = solve(right, down, b)
-    inner = np.s_[1:-1, 1:-1]
     down[-2] = leaving
-    return FreeSolution(
-        solution.u[inner], right[inner], down[inner], labels[inner], count, steps, solution
+    own = Side(
+        solution.u[1:-1, 1:-1],
+        np.where(labels >= 0, labels + np.int32(before), np.int32(-1))[1:-1, 1:-1],
     )
-
-
-def _some(
-    right: Float32, down: Float32, step_right: Float64, step_down: Float64, block: Block, every: int
-) -> SomeSteps:
-    """Return some steps between pixels of the core."""
-    first = block.core.start - block.rows.start + 1
-    height, width = block.core.stop - block.core.start, right.shape[1] - 2
-    core = np.s_[first : first + height, 1:-1]
-    found = []
-    for weights, steps, offset in ((right, step_right, 1), (down, step_down, width)):
-        here = np.flatnonzero(weights[core])[::every]
-        here = here[here + offset < height * width]
-        found.append((here, here + offset, steps[core].ravel()[here]))
-    return SomeSteps(*(np.concatenate(each) for each in zip(*found, strict=True)))
+    files.write_weights(number, np.stack([right[core], down[core]], axis=1))
+    files.write(f"solution-{number}-0", own.u)
+    files.write(f"labels-{number}", own.labels)
+    meeting = NO_MEETING
+    if number:
+        names = f"solution-{number - 1}-0", f"labels-{number - 1}"
+        upper = Side(*(files.read(name, slice(-shared, None)) for name in names))
+        meeting = meeting_of(upper, Side(own.u[:shared], own.labels[:shared]))
+    return files.complete(
+        f"free-{number}",
+        count=count,
+        extremes=extremes(solution.u[core], labels[core], count),
+        iterations=solution.iterations,
+        relative_residual=solution.relative_residual,
+        converged=solution.converged,
+        **meeting._asdict(),
+        **steps._asdict(),
+    )

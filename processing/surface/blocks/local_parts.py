@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse import csgraph, linalg
 
-from processing.surface.blocks.seams import Side
+from processing.surface.blocks.block_solutions import Side
 from rig.arrays import Float64, Int32, Int64
 
 
@@ -46,20 +47,20 @@ def meeting_of(upper: Side, lower: Side) -> Meeting:
     return Meeting(np.stack([codes // count, codes % count]), sizes, means)
 
 
+@dataclass(frozen=True, eq=False)
 class LocalParts:
     """The parts of all blocks: which hang together, and the constants between their solutions.
 
-    Parts are numbered over all blocks, from the top downwards.
+    Parameters
+    ----------
+    count
+        Their number. They are numbered over all blocks, from the top downwards.
+    meeting
+        Those of neighbouring blocks that have pixels in common.
     """
 
-    def __init__(self) -> None:
-        self.count = 0
-        self._meetings: list[Meeting] = []
-
-    def add(self, count: int, meeting: Meeting) -> None:
-        """Add the parts of a block, and which of them meet those of the block above."""
-        self.count += count
-        self._meetings.append(meeting)
+    count: int
+    meeting: Meeting
 
     def joined(self) -> tuple[Int32, int]:
         """Return the part of the surface of each part of a block, and their number.
@@ -75,9 +76,7 @@ class LocalParts:
     def constants(self) -> Float64:
         """Return the constants that bring the solutions together, by least squares."""
         constants = np.zeros(self.count)
-        upper, lower = self._pairs()
-        weights = np.concatenate([each.sizes for each in self._meetings])
-        means = np.concatenate([each.means for each in self._meetings])
+        (upper, lower), weights, means = self.meeting
         # The first part of each that hang together keeps its heights.
         joined, _ = self.joined()
         free = np.ones(self.count, bool)
@@ -93,10 +92,7 @@ class LocalParts:
         return constants
 
     def _matrix(self, weights: Float64 | None = None) -> sparse.csr_array:
-        upper, lower = self._pairs()
+        upper, lower = self.meeting.pairs
         values = np.ones(len(upper)) if weights is None else weights
         one = sparse.coo_array((values, (upper, lower)), (self.count, self.count))
         return sparse.csr_array(one + one.T)
-
-    def _pairs(self) -> Int64:
-        return np.concatenate([each.pairs for each in self._meetings], axis=1)

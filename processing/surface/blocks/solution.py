@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from acquisition import CameraModel, MapRows
-from acquisition.files import Maps
+from acquisition.files import BandStore
 from processing.surface.blocks.block_files import BlockFiles, Record
 from processing.surface.blocks.block_solutions import OwnSolutions
 from processing.surface.blocks.coarse import CoarseGrid
 from processing.surface.blocks.corrections import Rounds, bring_together
-from processing.surface.blocks.free_solution import FreeSolution, solve_freely
-from processing.surface.blocks.kernels import extremes, number_parts
-from processing.surface.blocks.local_parts import NO_MEETING, LocalParts, Meeting, meeting_of
-from processing.surface.blocks.seams import Side
+from processing.surface.blocks.free_solution import solve_freely
+from processing.surface.blocks.kernels import number_parts
+from processing.surface.blocks.local_parts import LocalParts, Meeting
+from processing.surface.blocks.plan import Blocks
 from processing.surface.multigrid import Solution
 from rig import Progress
-from rig.arrays import Float64, Int64
-
-# Steps that show whether the surface has the slopes of the normals, in each direction.
-_STEPS = 20_000
+from rig.arrays import Bool, Float64, Int32, Int64
 
 
 class BlockSolution(NamedTuple):
@@ -37,8 +35,10 @@ class BlockSolution(NamedTuple):
         Mean of the solution over each part, and number of its pixels.
     wanted, found
         Some steps that the normals demand, and those of the solution.
+    blocks
+        The blocks.
     rounds
-        How the blocks were brought together; errors are those of the solution.
+        How they were brought together; errors are those of the solution.
     worst
         What the solver reports about the block with the largest residual.
     """
@@ -49,16 +49,35 @@ class BlockSolution(NamedTuple):
     sizes: Int64
     wanted: Float64
     found: Float64
+    blocks: Blocks
     rounds: Rounds
     worst: Solution
+
+    def part_means(self, values: Callable[[slice, Bool, Int32], Float64]) -> Float64:
+        """Return the mean over each part.
+
+        ``values`` returns those of the pixels of rows that have a part, from the rows, which
+        pixels these are, and their parts.
+        """
+        sums = np.zeros(len(self.means))
+        for block in self.blocks.blocks:
+            labels = self.parts[block.core]
+            inside = labels >= 0
+            members = labels[inside]
+            sums += np.bincount(members, values(block.core, inside, members), len(sums))
+        return np.asarray(sums / self.sizes, np.float64)
+
+    def centred(self, rows: slice, inside: Bool, members: Int32) -> Float64:
+        """Return the solution minus its mean over each part, as `part_means` needs it."""
+        return np.asarray(self.u[rows][inside] - self.means[members], np.float64)
 
 
 def solve_in_blocks(
     normals: MapRows,
     relative: MapRows | None,
     camera: CameraModel | None,
-    files: BlockFiles,
-    maps: Maps,
+    store: BandStore,
+    rows: int,
     on_progress: Progress,
 ) -> BlockSolution:
     """Solve the surface of normals.
@@ -71,32 +90,33 @@ def solve_in_blocks(
         ``(H, W)`` variances of the normals; None if all are equal.
     camera
         A perspective camera; None for an orthographic view.
-    files
-        Files of the blocks: steps that they contain are not repeated.
-    maps
-        The maps ``solution`` and ``parts``, which are filled.
+    store
+        Its maps ``solution`` and ``parts`` are filled. Steps that are in its folder are not
+        repeated.
+    rows
+        Most rows of a block.
     on_progress
         Receives the stages ``integrating`` and ``joining blocks``.
     """
     height, width = normals.shape[:2]
+    files = BlockFiles(store.folder, (height, width), rows)
     blocks = files.blocks
-    local, total = LocalParts(), len(blocks.blocks)
+    count, total = 0, len(blocks.blocks)
     frees: list[Record] = []
     on_progress("integrating", 0, total)
-    for number, block in enumerate(blocks.blocks):
+    for number in range(total):
         free = files.record(f"free-{number}")
         if free is None:
-            every = max(1, height * width // _STEPS)
-            solved = solve_freely(normals, relative, block, camera, every)
-            free = _stored(files, number, solved, local.count)
-            del solved
-        local.add(int(free["count"]), Meeting(free["pairs"], free["sizes"], free["means"]))
+            free = solve_freely(normals, relative, camera, files, number, count)
+        count += int(free["count"])
         frees.append(free)
         on_progress("integrating", number + 1, total)
+    meetings = [[free[name] for free in frees] for name in Meeting._fields]
+    local = LocalParts(count, Meeting(*(np.concatenate(each, axis=-1) for each in meetings)))
     own = OwnSolutions(files, local.constants())
     rounds = _rounds(own, frees, (height, width), on_progress)
-    files.remove_weights()
-    u, parts = maps["solution"], maps["parts"]
+    files.close_weights()
+    u, parts = store["solution"], store["parts"]
     part_of, count = local.joined()
     numbers = np.full(count, -1, np.int32)
     sums, sizes = np.zeros(count), np.zeros(count, np.int64)
@@ -114,6 +134,7 @@ def solve_in_blocks(
         sizes,
         np.concatenate([free["steps"] for free in frees]),
         np.concatenate(found),
+        blocks,
         rounds,
         Solution(
             np.zeros((0, 0)),
@@ -121,30 +142,6 @@ def solve_in_blocks(
             float(worst["relative_residual"]),
             converged=bool(worst["converged"]),
         ),
-    )
-
-
-def _stored(files: BlockFiles, number: int, free: FreeSolution, before: int) -> Record:
-    """Write the solution of a block; ``before`` is the number of parts of the blocks above."""
-    core, shared = files.blocks.blocks[number].inner, 2 * files.blocks.halo
-    labels = np.where(free.labels >= 0, free.labels + np.int32(before), np.int32(-1))
-    files.write_weights(number, np.stack([free.right[core], free.down[core]], axis=1))
-    files.write_solution(number, 0, free.u)
-    files.write_labels(number, labels)
-    meeting = NO_MEETING
-    if number:
-        rows = slice(-shared, None)
-        upper = Side(files.solution(number - 1, 0, rows), files.labels(number - 1, rows))
-        meeting = meeting_of(upper, Side(free.u[:shared], labels[:shared]))
-    return files.complete(
-        f"free-{number}",
-        count=free.part_count,
-        extremes=extremes(free.u[core], free.labels[core], free.part_count),
-        iterations=free.solution.iterations,
-        relative_residual=free.solution.relative_residual,
-        converged=free.solution.converged,
-        **meeting._asdict(),
-        **free.steps._asdict(),
     )
 
 
