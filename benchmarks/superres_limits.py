@@ -88,9 +88,8 @@ def learnt(known: Half, other: Half, steps: int) -> list[float]:
     import torch
 
     from sgp.training.pairs import SYMMETRIES, pair, turned
-    from sgp.training.rdn import RdnSize
+    from sgp.training.rdn import RdnSize, as_images, forward
     from sgp.training.steps import loss, results, squared_angle, squared_chord
-    from sgp.training.torch_layers import as_images, forward
 
     torch.set_num_threads(1)
     model = processing.superres.read_superres_model(None, _SCALE)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 from cyclopts import App, CycloptsError, Group, Parameter
 
 from sgp import __version__
-from sgp.cli.help import HelpPage, PlainConsole, flowing, page, usage_complaint
+from sgp.cli.help import HelpPage, PlainConsole, flowing, usage_complaint
 from sgp.cli.terminal import STDERR, fitted, printable, printable_lines
 
 if TYPE_CHECKING:
@@ -52,70 +52,42 @@ _TOP = (
     "doctor",
 )
 _COMPLETION = "completion"
-# For each group: its help page, and its commands by module.
-_GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
-    "capture": (
-        page(
-            "Record, check, import and export sessions.",
-            "capture plan plan.toml --rig bench.toml",
-            "capture run recordings/owl --rig bench.toml --plan plan.toml",
-            "capture verify recordings/owl",
-        ),
-        {
-            "capture": ("run", "resume"),
-            "capture_info": ("verify", "info"),
-            "capture_plan": ("plan", "check"),
-            "capture_files": ("compact", "export", "import_"),
-        },
-    ),
-    "rig": (
-        page(
-            "Check and operate a rig: LED board and camera.",
-            "sgp rig list",
-            "sgp rig check --rig bench.toml",
-        ),
-        {"rig": ("list_", "check", "light", "off", "snap", "selftest")},
-    ),
-    "calibrate": (
-        page(
-            "Calibrate lights, camera, sensor and flat field; compare calibrations of lights.",
-            "sgp calibrate spheres chrome/ --out lights.json",
-            "sgp calibrate sensor card/ --out sensor",
-            "sgp calibrate check before.json after.json --limit-mm 3",
-        ),
-        {
-            "calibrate": ("spheres",),
-            "calibrate_intensities": ("intensities",),
-            "calibrate_flat": ("flat",),
-            "calibrate_check": ("check",),
-            "calibrate_sensor": ("sensor",),
-            "calibrate_board": ("board",),
-            "calibrate_camera": ("camera",),
-        },
-    ),
-    "detail": (
-        page(
-            "Split normal maps into shape and detail; combine, transfer, fill, enlarge them.",
-            "sgp detail separate out/normals --out parts",
-            "sgp detail transfer leather.png out/normals --out leathery",
-        ),
-        {
-            "detail": ("separate", "combine"),
-            "detail_transfer": ("transfer",),
-            "detail_properties": ("properties",),
-            "detail_synthesize": ("synthesize",),
-            "detail_fill": ("fill",),
-            "detail_superres": ("superres",),
-            "detail_train": ("train",),
-        },
-    ),
+# For each group: its commands by module. The one of its name has its help page.
+_GROUPS: dict[str, dict[str, tuple[str, ...]]] = {
+    "capture": {
+        "capture": ("run", "resume"),
+        "capture_info": ("verify", "info"),
+        "capture_plan": ("plan", "check"),
+        "capture_files": ("compact", "export", "import_"),
+    },
+    "rig": {"rig": ("list_", "check", "light", "off", "snap", "selftest")},
+    "calibrate": {
+        "calibrate": ("spheres",),
+        "calibrate_intensities": ("intensities",),
+        "calibrate_flat": ("flat",),
+        "calibrate_check": ("check",),
+        "calibrate_sensor": ("sensor",),
+        "calibrate_board": ("board",),
+        "calibrate_camera": ("camera",),
+    },
+    "detail": {
+        "detail": ("separate", "combine"),
+        "detail_transfer": ("transfer",),
+        "detail_properties": ("properties",),
+        "detail_synthesize": ("synthesize",),
+        "detail_fill": ("fill",),
+        "detail_superres": ("superres",),
+        "detail_train": ("train",),
+    },
 }
 
 
-def _app(name: str, text: str) -> App:
+def _app(name: str, module: str) -> App:
+    """Return an application whose help page is the docstring of a module of the commands."""
+    _, text, *_ = (_COMMANDS / f"{module}.py").read_text(encoding="utf-8").split('"""', 2)
     return App(
         name=name,
-        help=text,
+        help=flowing(inspect.cleandoc(text)),
         version=__version__,
         help_format="plaintext",
         help_formatter=HelpPage(),
@@ -168,8 +140,7 @@ def _optional(arguments: ast.arguments) -> str:
 
 def _group(name: str, command: str | None = None) -> App:
     """Return a group with its commands, or with those of the module that has the named one."""
-    text, modules = _GROUPS[name]
-    app = _app(name, text)
+    app, modules = _app(name, name), _GROUPS[name]
     having = [module for module, functions in modules.items() if command in _names(functions)]
     for module in having or modules:
         _add(app, module, modules[module])
@@ -186,15 +157,7 @@ def build(tokens: Sequence[str] | None = None) -> App:
     With the words of a command line, the tree has only what this command line needs: to read the
     help texts of all commands takes as long as to start Python.
     """
-    app = _app(
-        "sgp",
-        page(
-            "Photometric stereo from a rig or from photographs, and analysis of surface detail in "
-            "normal maps.",
-            "sgp demo --out demo",
-            "sgp run photographs/ --lights lights.json --out result",
-        ),
-    )
+    app = _app("sgp", "__init__")
     first, second, *_ = [*_words(tokens or ()), None, None]
     if first in _TOP:
         _add(app, first, (first,))
@@ -206,8 +169,8 @@ def build(tokens: Sequence[str] | None = None) -> App:
         for name in _TOP:
             _add(app, name, (name,))
         _add_completion(app)
-        for name, (text, _) in _GROUPS.items():
-            app.command(_group(name) if tokens is None else _app(name, text))
+        for name in _GROUPS:
+            app.command(_group(name) if tokens is None else _app(name, name))
     return app
 
 
@@ -264,7 +227,7 @@ def _take_common_options(app: App) -> None:
         if getattr(command, "__module__", "").startswith("sgp.commands."):
             from sgp.cli.entry import begin_work
             from sgp.cli.options import require_inputs
-            from sgp.results.own_files import own_files_named
+            from sgp.results.hashes import own_files_named
 
             begin_work()
             require_inputs(command, bound.arguments)

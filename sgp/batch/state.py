@@ -80,12 +80,8 @@ class States:
         DataError
             If a state was written by another version.
         """
-        found = {}
-        for path in sorted(self.folder.glob("*.json")):
-            state = _read(path)
-            if state is not None:
-                found[path.stem] = state
-        return found
+        found = {path.stem: _read(path) for path in sorted(self.folder.glob("*.json"))}
+        return {name: state for name, state in found.items() if state is not None}
 
     def begin(self, task: Task, state: State) -> None:
         """Note that a task begins to overwrite the result that a state describes.

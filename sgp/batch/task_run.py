@@ -20,11 +20,10 @@ from sgp.batch.files import Stamp, stamps
 from sgp.batch.task import Outcome, Stage, Task
 from sgp.cli.exit import FAULT, error_text, exit_code
 from sgp.cli.help import usage_complaint
-from sgp.cli.options import require_inputs, transfer_files
+from sgp.cli.options import paths_of, require_inputs, transfer_files
 from sgp.cli.threads import opencv_threads
-from sgp.results.hashes import input_hashes, output_files
-from sgp.results.output import flat_parameters, paths_of
-from sgp.results.own_files import own_files_named
+from sgp.results.hashes import input_hashes, output_files, own_files_named
+from sgp.results.output import flat_parameters
 from sgp.results.result import Result
 
 # Exit code of errors that may pass: a full disk, a network drive that does not answer.

@@ -6,7 +6,7 @@ import functools
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from typing import TYPE_CHECKING, ClassVar, Self, TypeVar
+from typing import TYPE_CHECKING, ClassVar, ParamSpec, Self, TypeVar
 
 from rig.kernels import KernelWatch
 from sgp.cli.terminal import STDERR, fitted, printable
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress
 
+P = ParamSpec("P")
 T = TypeVar("T")
 Advance = Callable[[int, int], None]
 
@@ -131,6 +132,17 @@ class Stages:
             self._advance = self._open.enter_context(_progress(stage))
             self._stage = stage
         self._advance(done, total)
+
+
+def with_progress(function: Callable[P, T]) -> Callable[P, T]:
+    """Return a function of a room that shows its stages, which it reports to ``on_progress``."""
+
+    def call(*args: P.args, **kwargs: P.kwargs) -> T:
+        with Stages() as progress:
+            kwargs["on_progress"] = progress
+            return function(*args, **kwargs)
+
+    return call
 
 
 class _Lines:

@@ -115,11 +115,6 @@ def flowing(text: str) -> str:
     return re.sub(r"(?<=\S)\n(?=\S)", " ", text)
 
 
-def page(text: str, *examples: str) -> str:
-    """Return the text of a help page with examples, in the form of a command's docstring."""
-    return "\n".join([text, "", "For example:", "", *(f"    {line}" for line in examples)])
-
-
 def usage_complaint(error: CycloptsError, program: str) -> str:
     """Return one line that says what is wrong with a command line and names the help page.
 
@@ -139,23 +134,14 @@ def _complaint(error: CycloptsError, words: str) -> str:
         meant = difflib.get_close_matches(unknown, names, n=1)
         guess = f", did you mean {meant[0]}?" if meant else f": there are {', '.join(names)}"
         return f"{words} has no command {unknown}{guess}"
-    argument = error.argument
-    if (
-        isinstance(error, MissingArgumentError)
-        and argument is not None
-        and not argument.tokens
-        and error.keyword is None
-    ):
-        positional = argument.field_info.is_positional
-        return f"{argument.name.lstrip('-').upper() if positional else argument.name} is missing"
-    if (
-        isinstance(error, MissingArgumentError)
-        and argument is not None
-        and error.keyword is not None
-        and argument.token_count()[0] == 1
-    ):
-        given = error.keyword
-        return f"{given} requires a value: write one that begins with a minus as {given}=VALUE"
+    argument, given = error.argument, getattr(error, "keyword", None)
+    if isinstance(error, MissingArgumentError) and argument is not None:
+        if given is None and not argument.tokens:
+            positional = argument.field_info.is_positional
+            name = argument.name.lstrip("-").upper() if positional else argument.name
+            return f"{name} is missing"
+        if given is not None and argument.token_count()[0] == 1:
+            return f"{given} requires a value: write one that begins with a minus as {given}=VALUE"
     if isinstance(error, CoercionError) and argument is not None and error.token is not None:
         # The parser's message names an option but not an argument.
         named = error.token.keyword is not None

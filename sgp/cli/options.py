@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import Annotated, Literal, get_type_hints
+from typing import Annotated, Literal, TypeVar, get_type_hints
 
 from cyclopts import CoercionError, Parameter, Token
 from cyclopts.validators import Number
@@ -20,24 +20,31 @@ from rig import MAX_PIXELS
 from rig.processes import memory_size
 from sgp.cli.exit import UsageError
 
+T = TypeVar("T")
 
-def _whole(kind: object, tokens: Sequence[Token]) -> int:
+
+def _converter(read: Callable[[str], T]) -> Callable[[object, Sequence[Token]], T]:
+    """Return a converter for the parser from a function of text that raises `ValueError`."""
+
+    def convert(kind: object, tokens: Sequence[Token]) -> T:
+        try:
+            return read(tokens[0].value)
+        except ValueError as error:
+            raise CoercionError(msg=str(error), token=tokens[0]) from error
+
+    return convert
+
+
+@_converter
+def _whole(text: str) -> int:
     """Read a whole number; the parser's own conversion would round 1.5."""
-    text = tokens[0].value
     if not re.fullmatch(r"\s*[-+]?[0-9]{1,30}\s*", text):
-        raise CoercionError(msg=f"{_short(text)} is not a whole number", token=tokens[0])
+        raise ValueError(f"{_short(text)} is not a whole number")
     return int(text)
 
 
-def _real(kind: object, tokens: Sequence[Token]) -> float:
-    """Read a finite number: NaN would pass every bound, and infinity is not a valid quantity."""
-    try:
-        return _finite(tokens[0].value)
-    except ValueError as error:
-        raise CoercionError(msg=str(error), token=tokens[0]) from error
-
-
 def _finite(text: str) -> float:
+    """Read a finite number: NaN would pass every bound, and infinity is not a valid quantity."""
     try:
         value = float(text)
     except ValueError as error:
@@ -47,20 +54,21 @@ def _finite(text: str) -> float:
     return value
 
 
-def _gamma(kind: object, tokens: Sequence[Token]) -> str:
+_real = _converter(_finite)
+
+
+@_converter
+def _gamma(text: str) -> str:
     """Check the text of a transfer curve before anything is read; see `transfer_of`."""
-    text = tokens[0].value
     if text.lower() in _CURVES or transfer_files(text):
         return text
     try:
         value = _finite(text)
     except ValueError as error:
-        finite = "not a number" in str(error)
-        reason = f"{error}, auto, srgb, linear or a file" if finite else str(error)
-        raise CoercionError(msg=reason, token=tokens[0]) from error
+        others = ", auto, srgb, linear or a file" if "not a number" in str(error) else ""
+        raise ValueError(f"{error}{others}") from error
     if not _LEAST_GAMMA <= value <= _MOST_GAMMA:
-        text = f"{_short(text)} is not within {_LEAST_GAMMA:g} to {_MOST_GAMMA:g}"
-        raise CoercionError(msg=text, token=tokens[0])
+        raise ValueError(f"{_short(text)} is not within {_LEAST_GAMMA:g} to {_MOST_GAMMA:g}")
     return text
 
 
@@ -73,25 +81,26 @@ def _names(kind: object, tokens: Sequence[Token]) -> tuple[str, ...]:
     return names
 
 
-def _region(kind: object, tokens: Sequence[Token]) -> tuple[int, int, int, int]:
+@_converter
+def _region(text: str) -> tuple[int, int, int, int]:
     """Read ``x,y,w,h`` in whole pixels."""
-    parts = tokens[0].value.split(",")
+    parts = text.split(",")
     wrong = next((part for part in parts if not re.fullmatch(_PIXELS, part)), None)
     if wrong is not None or len(parts) != 4:
-        whole = f"{_short(tokens[0].value)} is not a number for each of x,y,w,h"
+        whole = f"{_short(text)} is not a number for each of x,y,w,h"
         shown = whole if wrong is None else f"{_short(wrong)} is not a whole number"
-        text = f"{shown}: give pixels, such as 100,80,640,480"
-        raise CoercionError(msg=text, token=tokens[0])
+        raise ValueError(f"{shown}: give pixels, such as 100,80,640,480")
     x, y, width, height = map(int, parts)
     return x, y, width, height
 
 
-def _bytes(kind: object, tokens: Sequence[Token]) -> int:
+@_converter
+def _bytes(text: str) -> int:
     """Read a size of memory such as 3G."""
     try:
-        return memory_size(tokens[0].value)
+        return memory_size(text)
     except ValueError as error:
-        raise CoercionError(msg=f"{_short(tokens[0].value)} {error}", token=tokens[0]) from error
+        raise ValueError(f"{_short(text)} {error}") from error
 
 
 def _short(text: str) -> str:
@@ -105,9 +114,9 @@ _CURVES = ("auto", "srgb", "linear")
 _LEAST_GAMMA, _MOST_GAMMA = 0.1, 10.0
 
 
-def _rig(kind: object, tokens: Sequence[Token]) -> Path:
+@_converter
+def _rig(text: str) -> Path:
     """Read the name of a rig or a path; ``./dome`` stays a path, which Path("./dome") forgets."""
-    text = tokens[0].value
     path = Path(text)
     return path.absolute() if str(path) == path.name != text else path
 
@@ -311,11 +320,13 @@ def inputs_of(command: Callable[..., object], arguments: Mapping[str, object]) -
             continue
         kind = getattr(hints.get(name), "__metadata__", ())
         if _INPUT in kind or (_LIGHTS in kind and value != RIG_LIGHTS):
-            yield from (one for one in _several(value) if isinstance(one, Path))
+            yield from paths_of([value])
 
 
-def _several(value: object) -> tuple[object, ...]:
-    return tuple(value) if isinstance(value, (list, tuple)) else (value,)
+def paths_of(values: Iterable[object]) -> list[Path]:
+    """Return the paths among some arguments, including options with several values."""
+    several = (value if isinstance(value, (list, tuple)) else (value,) for value in values)
+    return [path for group in several for path in group if isinstance(path, Path)]
 
 
 def transfer_of(gamma: str) -> acquisition.TransferCurve | None:

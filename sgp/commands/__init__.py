@@ -1,1 +1,7 @@
-"""The commands: each function takes the options of one command and returns a `Result`."""
+"""Photometric stereo from a rig or from photographs, and analysis of surface detail in normal maps.
+
+For example:
+
+    sgp demo --out demo
+    sgp run photographs/ --lights lights.json --out result
+"""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
-from contextlib import chdir, contextmanager
+from collections.abc import Mapping
+from contextlib import AbstractContextManager, chdir, nullcontext
 from pathlib import Path
 from typing import Annotated
 
@@ -137,15 +137,12 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-@contextmanager
 def _pool(
     scheduler: str | None, workers: int | None, memory: int | None, folder: Path
-) -> Iterator[Workers]:
+) -> AbstractContextManager[Workers]:
     if scheduler is None:
-        yield LocalWorkers(workers or _cores(), memory)
-    else:
-        with cluster(scheduler, folder.absolute()) as found:
-            yield found
+        return nullcontext(LocalWorkers(workers or _cores(), memory))
+    return cluster(scheduler, folder.absolute())
 
 
 def _task(

@@ -1,4 +1,11 @@
-"""``sgp calibrate spheres``: directions or positions of the lights."""
+"""Calibrate lights, camera, sensor and flat field; compare calibrations of lights.
+
+For example:
+
+    sgp calibrate spheres chrome/ --out lights.json
+    sgp calibrate sensor card/ --out sensor
+    sgp calibrate check before.json after.json --limit-mm 3
+"""
 
 from __future__ import annotations
 
@@ -13,18 +20,8 @@ import calibration
 import rig as rigs
 from rig.arrays import Float32, Float64
 from sgp.calibrate.sphere_marks import Marks, marks_of
+from sgp.cli import options
 from sgp.cli.exit import UsageError
-from sgp.cli.options import (
-    Gamma,
-    Inputs,
-    Names,
-    OptionalInput,
-    Pixels,
-    Positive,
-    RigOption,
-    distinct,
-    named,
-)
 from sgp.cli.threads import opencv_threads
 from sgp.results.output import check_file, stated
 from sgp.results.result import Result
@@ -42,18 +39,18 @@ from sgp.stages.spheres import (
 
 
 def spheres(
-    source: Inputs,
+    source: options.Inputs,
     *,
     out: Path,
-    radius_mm: tuple[Positive, ...] = (),
-    camera: OptionalInput = None,
+    radius_mm: tuple[options.Positive, ...] = (),
+    camera: options.OptionalInput = None,
     mask: tuple[Path, ...] = (),
     sphere: tuple[str, ...] = (),
-    gamma: Gamma = "auto",
-    flat: OptionalInput = None,
-    exclude: Names = (),
-    rig: RigOption = None,
-    max_pixels: Pixels = rigs.MAX_PIXELS,
+    gamma: options.Gamma = "auto",
+    flat: options.OptionalInput = None,
+    exclude: options.Names = (),
+    rig: options.RigOption = None,
+    max_pixels: options.Pixels = rigs.MAX_PIXELS,
     force: bool = False,
 ) -> Result:
     """Estimate lights from their highlights on chrome spheres.
@@ -114,7 +111,7 @@ def spheres(
     outputs = {"lights": out, "lp": out.with_suffix(".lp"), "picture": out.with_suffix(".png")}
     for path, suffix in zip(outputs.values(), (".json", ".lp", ".png"), strict=True):
         check_file(path, suffix, force=force)
-    distinct(source)
+    options.distinct(source)
     if rig is not None:
         rig_with_positions(rig)  # a mistake is reported before the images are read
     marks = marks_of([str(path) for path in mask], sphere, len(source))
@@ -124,7 +121,7 @@ def spheres(
         camera=camera,
         gamma=gamma,
         flat=flat,
-        exclude=named(exclude),
+        without=options.named(exclude),
         max_pixels=max_pixels,
     )
     calibration.spheres.check_recordings([one.source for one in recordings])
@@ -181,30 +178,14 @@ class _Recording:
 
 
 def _open(
-    paths: Sequence[Path],
-    marks: Sequence[Marks],
-    *,
-    camera: Path | None,
-    gamma: str,
-    flat: Path | None,
-    exclude: Sequence[str],
-    max_pixels: int,
+    paths: Sequence[Path], marks: Sequence[Marks], **given: Any
 ) -> tuple[list[_Recording], list[Path]]:
-    """Open all recordings; return them and their files, for hashing."""
+    """Open all recordings as `open_source` does; return them and their files, for hashing."""
     recordings, files = [], list[Path]()
     for path, mark in zip(paths, marks, strict=True):
         # A folder may contain one mask for each sphere; giving one spares the reader the choice.
         first, others = (mark.masks[0], mark.masks[1:]) if mark.masks else (None, ())
-        opened, read = open_source(
-            path,
-            camera=camera,
-            mask=first,
-            gamma=gamma,
-            flat=flat,
-            others=others,
-            without=exclude,
-            max_pixels=max_pixels,
-        )
+        opened, read = open_source(path, mask=first, others=others, **given)
         recordings.append(_Recording(opened, mark))
         files += read
     return recordings, list(dict.fromkeys(files))

@@ -11,7 +11,7 @@ import calibration
 import rig
 from sgp.calibrate.board_page import board_of
 from sgp.calibrate.board_views import FoundViews, find_views, mean_image
-from sgp.cli.console import Stages
+from sgp.cli.console import with_progress
 from sgp.cli.exit import UsageError
 from sgp.cli.options import Gamma, Inputs, OptionalInput, Pixels, Positive, Real
 from sgp.results.metrics import CameraMetrics
@@ -122,8 +122,7 @@ def camera(
 
 def _calibrated(found: FoundViews) -> calibration.CameraCalibration:
     try:
-        with Stages() as progress:
-            return calibration.calibrate_camera(found.views, on_progress=progress)
+        return with_progress(calibration.calibrate_camera)(found.views)
     except calibration.EstimateError as error:
         unused = [notice for notice in found.notices if notice.code == "board-not-found"]
         if unused:

@@ -7,7 +7,7 @@ from pathlib import Path
 import acquisition
 import calibration
 import rig
-from sgp.cli.console import Stages
+from sgp.cli.console import with_progress
 from sgp.cli.options import Gamma, Inputs, LightsInput, OptionalInput, Pixels, Real
 from sgp.results.metrics import FlatMetrics, figures_of
 from sgp.results.output import check_output, claim_folder, complete_provenance, stated
@@ -69,14 +69,9 @@ def flat(
     sources, files = open_sources(
         source, camera=camera, mask=mask, gamma=gamma, max_pixels=max_pixels
     )
-    with Stages() as progress:
-        found = calibration.calibrate_flat(
-            sources,
-            known.lights,
-            z_mm=height_mm,
-            mask=None if mask is None else sources[0].mask,
-            on_progress=progress,
-        )
+    found = with_progress(calibration.calibrate_flat)(
+        sources, known.lights, z_mm=height_mm, mask=None if mask is None else sources[0].mask
+    )
     result = Result(
         metrics=_metrics(found),
         warnings=[*found.warnings],

@@ -13,19 +13,9 @@ import acquisition
 import calibration
 import rig
 from rig.arrays import Bool, Float64
-from sgp.cli.console import Stages
+from sgp.cli import options
+from sgp.cli.console import with_progress
 from sgp.cli.exit import UsageError
-from sgp.cli.options import (
-    Gamma,
-    Inputs,
-    LightsInput,
-    OptionalInput,
-    Pixels,
-    Positive,
-    Real,
-    distinct,
-    numbers,
-)
 from sgp.results.metrics import IntensitiesMetrics
 from sgp.results.output import check_file, stated
 from sgp.results.result import Result
@@ -38,20 +28,20 @@ _LISTED = 8
 
 
 def intensities(
-    source: Inputs,
+    source: options.Inputs,
     *,
-    lights: LightsInput,
+    lights: options.LightsInput,
     out: Path,
-    camera: OptionalInput = None,
-    mask: OptionalInput = None,
-    height_mm: tuple[Real, ...] = (),
+    camera: options.OptionalInput = None,
+    mask: options.OptionalInput = None,
+    height_mm: tuple[options.Real, ...] = (),
     ball: str | None = None,
-    radius_mm: Positive | None = None,
+    radius_mm: options.Positive | None = None,
     channel: Literal["gray", "rgb"] = "gray",
     even: bool = False,
-    gamma: Gamma = "auto",
-    flat: OptionalInput = None,
-    max_pixels: Pixels = rig.MAX_PIXELS,
+    gamma: options.Gamma = "auto",
+    flat: options.OptionalInput = None,
+    max_pixels: options.Pixels = rig.MAX_PIXELS,
     force: bool = False,
 ) -> Result:
     r"""Estimate intensities, axes and angular falloff of the lights from a matte card or ball.
@@ -105,7 +95,7 @@ def intensities(
     """
     given = stated(locals())
     check_file(out, ".json", force=force)
-    distinct(source)
+    options.distinct(source)
     if len(height_mm) not in (0, len(source)):
         raise UsageError(
             f"--height-mm is given {rig.pluralize(len(height_mm), 'time')} for "
@@ -115,7 +105,7 @@ def intensities(
         raise UsageError("a matte ball needs both --ball x,y,radius and --radius-mm")
     if ball is not None and (height_mm or mask is not None or even):
         raise UsageError("--height-mm, --mask and --even describe a card: do not give --ball")
-    outline = () if ball is None else tuple(numbers("--ball", ball, 3))
+    outline = () if ball is None else tuple(options.numbers("--ball", ball, 3))
     known = given_lights(lights, source)
     positions = known.lights
     surfaces: list[calibration.MatteSurface] = []
@@ -128,10 +118,9 @@ def intensities(
             raise acquisition.DataError(
                 f"{path}: the camera of these images is not known: give --camera"
             )
-        with Stages() as progress:
-            stack = calibration.linear_stack(
-                replace(opened, lights=None), channel=channel, on_progress=progress
-            )
+        stack = with_progress(calibration.linear_stack)(
+            replace(opened, lights=None), channel=channel
+        )
         order, by_name = positions.match(stack.ids)
         if not by_name:
             text = "matched to the images by number or order, not by name"

@@ -8,7 +8,7 @@ from typing import Any
 import acquisition
 import calibration
 import rig
-from sgp.cli.console import Stages
+from sgp.cli.console import with_progress
 from sgp.cli.options import Inputs, Pixels
 from sgp.results.output import claim_folder, provenance, writes_folder
 from sgp.results.result import Result
@@ -51,8 +51,7 @@ def sensor(
         Overwrite an existing result.
     """
     opened, files = open_sources(source, max_pixels=max_pixels)
-    with Stages() as progress:
-        estimate = calibration.calibrate_sensor(opened, progress)
+    estimate = with_progress(calibration.calibrate_sensor)(opened)
     result = Result(
         outputs={"sensor": out / "sensor.json", "picture": out / "sensor.png"},
         metrics=_metrics(estimate),

@@ -1,4 +1,11 @@
-"""``capture run`` and ``capture resume``: record sessions."""
+"""Record, check, import and export sessions.
+
+For example:
+
+    capture plan plan.toml --rig bench.toml
+    capture run recordings/owl --rig bench.toml --plan plan.toml
+    capture verify recordings/owl
+"""
 
 from __future__ import annotations
 
@@ -9,7 +16,7 @@ from cyclopts import Parameter
 
 import acquisition
 import rig as rigs
-from sgp.cli.console import Stages, note
+from sgp.cli.console import note, with_progress
 from sgp.cli.options import Input, OptionalInput, OptionalLights, RigOption
 from sgp.commands.capture_plan import chosen_plan
 from sgp.results.output import check_folder
@@ -115,10 +122,9 @@ def run(
             chosen = metered(opened, chosen, goal, prepared)
         if not skip_check:
             note("checking disk, rig and picture (--skip-check skips this)")
-            with Stages() as progress:
-                flight = acquisition.preflights.preflight(
-                    opened, chosen, out, self_test=tested, on_progress=progress
-                )
+            flight = with_progress(acquisition.preflights.preflight)(
+                opened, chosen, out, self_test=tested
+            )
             accept(flight, prepared)
         prepared.warnings += acquisition.engine.camera_notices(opened, out)
         for warning in prepared.warnings:
@@ -201,10 +207,9 @@ def resume(
         prepared = Preparation()
         if not skip_check:
             alive, _ = recorded.without(opened.config.dead_leds)
-            with Stages() as progress:
-                flight = acquisition.preflights.preflight_resume(
-                    opened, alive, session, len(missing), on_progress=progress
-                )
+            flight = with_progress(acquisition.preflights.preflight_resume)(
+                opened, alive, session, len(missing)
+            )
             accept(flight, prepared)
         prepared.warnings += acquisition.engine.camera_notices(opened, session)
         # An operator who resumes with only flats missing has placed the card; this does not hold
@@ -264,8 +269,7 @@ def _check_plan(session: acquisition.Session, asked: acquisition.CapturePlan | N
 
 def _damaged(session: Path) -> tuple[acquisition.session.Damage, ...]:
     """Verify every frame, and report those that are damaged."""
-    with Stages() as progress:
-        damages = acquisition.session.damaged_frames(session, on_progress=progress)
+    damages = with_progress(acquisition.session.damaged_frames)(session)
     for damage in damages:
         note(f"damaged: {damage.text}")
     return damages

@@ -11,21 +11,9 @@ from cyclopts.validators import Number
 
 import acquisition
 import rig
-from sgp.cli.console import Stages, note
+from sgp.cli import options
+from sgp.cli.console import note, with_progress
 from sgp.cli.exit import UsageError
-from sgp.cli.options import (
-    RIG_LIGHTS,
-    Gamma,
-    Input,
-    Leds,
-    OptionalInput,
-    OptionalLights,
-    Pixels,
-    Positive,
-    Whole,
-    led_list,
-    transfer_of,
-)
 from sgp.commands.capture_info import info
 from sgp.results.metrics import ExportMetrics
 from sgp.results.output import check_folder, earlier_files, writes_folder
@@ -36,10 +24,10 @@ from sgp.stages.recording import not_used
 
 _RECORD = "export.json"
 
-Bracket = Annotated[Whole, Parameter(validator=Number(gte=0, lte=1000))]
+Bracket = Annotated[options.Whole, Parameter(validator=Number(gte=0, lte=1000))]
 
 
-def compact(session: Input) -> Result:
+def compact(session: options.Input) -> Result:
     """Compress the frames of a session without changing a pixel.
 
     Each frame is compressed, read back and compared before its old file is deleted. If the command
@@ -54,8 +42,7 @@ def compact(session: Input) -> Result:
     session
         Folder of the session.
     """
-    with Stages() as progress:
-        done = acquisition.session.compact_session(session, on_progress=progress)
+    done = with_progress(acquisition.session.compact_session)(session)
     ratio = done.bytes_before / max(done.bytes_after, 1)
     kept = "" if done.complete else ", the session is still incomplete"
     return Result(
@@ -78,14 +65,14 @@ def compact(session: Input) -> Result:
 
 @writes_folder(_RECORD)
 def export(
-    session: Input,
+    session: options.Input,
     *,
     layout: Annotated[Literal["diligent", "lp", "exr", "alicevision"], Parameter(name="format")],
     out: Path,
     values: Literal["raw", "linear"] = "raw",
     bracket: Bracket = 0,
-    lights: OptionalLights = None,
-    mask: OptionalInput = None,
+    lights: options.OptionalLights = None,
+    mask: options.OptionalInput = None,
     force: bool = False,
 ) -> Result:
     """Export a session for other programs; `capture import` reads all formats except exr.
@@ -126,8 +113,7 @@ def export(
     prepared = acquisition.exports.prepare_export(
         session, layout, values=values, bracket=bracket, lights=chosen, mask_path=mask
     )
-    with Stages() as progress:
-        written = prepared.write(out, on_progress=progress, replaced=earlier_files(out, _RECORD))
+    written = with_progress(prepared.write)(out, replaced=earlier_files(out, _RECORD))
     notes = prepared.notes
     images = len(notes.frames)
     return Result(
@@ -150,14 +136,14 @@ def export(
 
 
 def import_(
-    source: Input,
+    source: options.Input,
     *,
     out: Path,
-    lights: OptionalLights = None,
-    camera: OptionalInput = None,
-    working_distance_mm: Positive | None = None,
+    lights: options.OptionalLights = None,
+    camera: options.OptionalInput = None,
+    working_distance_mm: options.Positive | None = None,
     light_axes: Literal["opencv", "opengl", "house"] | None = None,
-    mask: OptionalInput = None,
+    mask: options.OptionalInput = None,
     object_name: str = "",
     operator: str | None = None,
     place: str = "",
@@ -165,13 +151,13 @@ def import_(
     rights: str = "",
     watch: bool = False,
     leds: str | None = None,
-    led_count: Leds | None = None,
-    plan: OptionalInput = None,
-    interval_s: Positive | None = None,
+    led_count: options.Leds | None = None,
+    plan: options.OptionalInput = None,
+    interval_s: options.Positive | None = None,
     gaps: Annotated[bool, Parameter(negative="--no-gaps")] = True,
-    timeout_s: Positive = 600.0,
-    gamma: Gamma = "auto",
-    max_pixels: Pixels = rig.MAX_PIXELS,
+    timeout_s: options.Positive = 600.0,
+    gamma: options.Gamma = "auto",
+    max_pixels: options.Pixels = rig.MAX_PIXELS,
 ) -> Result:
     """Import photographs into a session.
 
@@ -239,29 +225,45 @@ def import_(
     """
     operator_name = chosen_operator(operator) if watch else operator or ""
     labels = acquisition.Labels(operator_name, object_name, place, notes, rights)
+    of_import = {
+        "--mask": mask,
+        "--camera": camera,
+        "--working-distance-mm": working_distance_mm,
+        "--light-axes": light_axes,
+    }
+    of_watch = {
+        "--leds": leds,
+        "--led-count": led_count,
+        "--plan": plan,
+        "--interval-s": interval_s,
+    }
+    for name, given in of_import.items() if watch else of_watch.items():
+        if given is not None:
+            refused = "cannot be used with --watch: leave it out"
+            required = f"requires --watch: add --watch, or leave {name} out"
+            raise UsageError(f"{name} {refused if watch else required}")
     if watch:
-        for name, given in (
-            ("--mask", mask),
-            ("--camera", camera),
-            ("--working-distance-mm", working_distance_mm),
-            ("--light-axes", light_axes),
-        ):
-            if given is not None:
-                raise UsageError(f"{name} cannot be used with --watch: leave it out")
-        listed = led_count if leds is None else led_list("--leds", leds)
+        listed = led_count if leds is None else options.led_list("--leds", leds)
         if leds is not None and led_count is not None:
             raise UsageError("--leds and --led-count both give the LEDs: give only one")
-        asked = _watch(source, listed, plan, interval_s, gaps=gaps, timeout_s=timeout_s)
-        asked = replace(asked, transfer=transfer_of(gamma), max_pixels=max_pixels)
+        if (listed is None) == (plan is None):
+            text = "--watch requires either --leds, --led-count or --plan, which give the shots"
+            raise UsageError(text)
+        if interval_s is not None and not gaps:
+            raise UsageError("--no-gaps ignores the time between images: leave out --interval-s")
+        chosen = None if plan is None else acquisition.read_plan(plan)
+        in_order = acquisition.imports.lights_in_order(listed or 0)
+        asked = acquisition.imports.Watch(
+            source,
+            in_order if chosen is None else chosen.shots(),
+            chosen,
+            interval_s,
+            gaps,
+            timeout_s,
+            transfer=options.transfer_of(gamma),
+            max_pixels=max_pixels,
+        )
         return _import_watched(asked, out, lights, labels)
-    for name, asked_for in (
-        ("--leds", leds),
-        ("--led-count", led_count),
-        ("--plan", plan),
-        ("--interval-s", interval_s),
-    ):
-        if asked_for is not None:
-            raise UsageError(f"{name} requires --watch: add --watch, or leave {name} out")
     if working_distance_mm is not None and camera is None:
         raise UsageError("--working-distance-mm requires --camera: add it")
     check_folder(out)
@@ -274,7 +276,7 @@ def import_(
             lights=lights,
             camera=camera,
             mask_path=mask,
-            transfer=transfer_of(gamma),
+            transfer=options.transfer_of(gamma),
             max_pixels=max_pixels,
         )
 
@@ -284,7 +286,7 @@ def import_(
         if working_distance_mm is not None:
             model = replace(model, working_distance_mm=working_distance_mm)
     near = None
-    if lights not in (None, RIG_LIGHTS) and acquisition.value_files.is_near_lights(lights):
+    if lights not in (None, options.RIG_LIGHTS) and acquisition.value_files.is_near_lights(lights):
         distance = None if model is None else model.working_distance_mm
         if distance is None and light_axes != "house":
             missing = "--camera" if model is None else "--working-distance-mm"
@@ -292,38 +294,16 @@ def import_(
         near = acquisition.value_files.read_near_lights(lights, model, axes=light_axes)
     elif light_axes is not None:
         raise UsageError("--light-axes requires a calibration of near lights as --lights")
-    chosen = None if lights is None or near else given_lights(lights).lights
-    opened = opened_with(near.lights if near else chosen, model)
-    with Stages() as progress:
-        acquisition.import_frames(opened, out, labels, on_progress=progress)
+    stated = None if lights is None or near else given_lights(lights).lights
+    opened = opened_with(near.lights if near else stated, model)
+    with_progress(acquisition.import_frames)(opened, out, labels)
     result = info(out)
     used = {option.resolve() for option in (lights, camera, mask) if option is not None}
     others = [name for name in opened.ignored if (source / name).resolve() not in used]
     unused = [not_used(source, others)] if others else []
-    stated = [] if near is None else [near.notice]
-    result.warnings[:0] = [*stated, *opened.warnings, *unused]
+    of_lights = [] if near is None else [near.notice]
+    result.warnings[:0] = [*of_lights, *opened.warnings, *unused]
     return result
-
-
-def _watch(
-    source: Path,
-    leds: int | tuple[int, ...] | None,
-    plan: Path | None,
-    interval_s: float | None,
-    *,
-    gaps: bool,
-    timeout_s: float,
-) -> acquisition.imports.Watch:
-    if (leds is None) == (plan is None):
-        raise UsageError(
-            "--watch requires either --leds, --led-count or --plan, which give the shots"
-        )
-    if interval_s is not None and not gaps:
-        raise UsageError("--no-gaps ignores the time between images: leave out --interval-s")
-    chosen = None if plan is None else acquisition.read_plan(plan)
-    shots: tuple[acquisition.plan.PlannedShot, ...]
-    shots = acquisition.imports.lights_in_order(leds or 0) if chosen is None else chosen.shots()
-    return acquisition.imports.Watch(source, shots, chosen, interval_s, gaps, timeout_s)
 
 
 def _import_watched(
@@ -339,10 +319,9 @@ def _import_watched(
         note(line)
 
     try:
-        with Stages() as progress:
-            watched = acquisition.watch_folder(
-                watch, out, lights=chosen, on_message=report, on_progress=progress, labels=labels
-            )
+        watched = with_progress(acquisition.watch_folder)(
+            watch, out, lights=chosen, on_message=report, labels=labels
+        )
     except BaseException as error:
         if printed:
             _note_how_to_continue(out, watch.folder, interrupted=not isinstance(error, Exception))

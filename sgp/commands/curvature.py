@@ -99,14 +99,13 @@ def curvature(
         acquisition.write_exr(result.outputs[name], np.ascontiguousarray(values))
     metrics = _metrics(found)
     result.metrics = metrics
-    result.outputs["picture"] = out / "curvature.png"
     per = f"1/{found.unit}"
     title = f"Curvature, scale {metrics['scale']:.3g} {found.unit}"
     panels = [
         signed_panel("mean curvature, red: convex", found.mean, per),
         signed_panel("Gaussian curvature, blue: saddles", found.gaussian, f"{per}²"),
     ]
-    write_overview(result.outputs["picture"], title, panels, columns=2)
+    write_overview(result.file("picture", out / "curvature.png"), title, panels, columns=2)
     result.summary = [
         f"mean curvature      median {metrics['mean_median']:.4g}, rms {metrics['mean_rms']:.4g} "
         f"{per}",

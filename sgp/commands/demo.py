@@ -71,8 +71,10 @@ def _demo(out: Path, seed: int, folder: DemoFolder) -> Result:
         acquisition.write_lights(out / "lights.json", lights)
     source = acquisition.read_source(coin.folder, lights=lights)
     folder.begin("normals", "detail", "surface")
+    # The hashes of these files identify the sessions.
+    marks = [session.folder / "COMPLETE" for session in (spheres, coin)]
     with processed(
-        source, _marks(spheres, coin), out, watch, RunOptions(), true_lights=scenes["coin"].lights
+        source, marks, out, watch, RunOptions(), true_lights=scenes["coin"].lights
     ) as outcome:
         pass
     result = outcome.result
@@ -135,11 +137,6 @@ def _capture(
             ),
             hooks=acquisition.RecordingHooks(on_progress=progress),
         )
-
-
-def _marks(*sessions: acquisition.Session) -> list[Path]:
-    """Return the files whose hashes identify complete sessions."""
-    return [session.folder / "COMPLETE" for session in sessions]
 
 
 def _calibrate(

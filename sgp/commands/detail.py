@@ -1,4 +1,10 @@
-"""``sgp detail``: split normal maps into shape and detail, and combine them."""
+"""Split normal maps into shape and detail; combine, transfer, fill, enlarge them.
+
+For example:
+
+    sgp detail separate out/normals --out parts
+    sgp detail transfer leather.png out/normals --out leathery
+"""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ import numpy as np
 import acquisition
 import processing
 import rig
-from sgp.cli.console import Stages
+from sgp.cli.console import with_progress
 from sgp.cli.options import Count, Green, Input, Pixels, Seed
 from sgp.pictures.crop import Crop
 from sgp.pictures.maps import lit_panel
@@ -82,16 +82,9 @@ def fill(
             "now"
         )
         result.warnings.append(rig.Notice("holes-without-normals", text, str(holes), "info"))
-    with Stages() as progress:
-        filled = processing.fill_holes(
-            given,
-            mask,
-            patch=patch,
-            overlap=overlap,
-            seed=seed,
-            shape_filter=options.shape_filter(),
-            on_progress=progress,
-        )
+    filled = with_progress(processing.fill_holes)(
+        given, mask, patch=patch, overlap=overlap, seed=seed, shape_filter=options.shape_filter()
+    )
     claim_folder(out, "fill.json")
     result.outputs = maps.write_map(out, filled.normal_map)
     acquisition.write_mask(result.file("invented", out / "invented.png"), mask)

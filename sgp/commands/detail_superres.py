@@ -113,7 +113,8 @@ def superres(
     )
     view = None if camera is None else acquisition.read_camera(camera, found.size)
     limit = Limit(memory, out / "superres", force)
-    given, files = MapInput(normals, green, max_pixels=max_pixels), network_files(network)
+    given = MapInput(normals, green, max_pixels=max_pixels)
+    files = [] if network is None else [network.path, network.path.with_suffix(".json")]
     with stage_maps(stage, [given], limit, files=files) as found_maps:
         made = processing.SuperResolution(found_maps.maps, stage)
         claim_folder(out, "superres.json")
@@ -121,9 +122,8 @@ def superres(
         result.outputs = maps.write(out, made.maps["normals"], made.mask)
         result.outputs |= write_superres_maps(out, made)
         measure_superres(made, result)
-        result.outputs["picture"] = out / "superres.png"
-        low = found_maps.inputs[0]
-        write_superres_picture(result.outputs["picture"], normals.name, made, low)
+        picture, low = result.file("picture", out / "superres.png"), found_maps.inputs[0]
+        write_superres_picture(picture, normals.name, made, low)
     size = pixel_mm
     if camera is not None and view is not None:
         result.inputs.append(camera)
@@ -143,11 +143,6 @@ def superres(
             "self_ensemble": stage.self_ensemble,
         }
     return result
-
-
-def network_files(network: processing.SuperResolutionModel | None) -> list[Path]:
-    """Return a network and its description."""
-    return [] if network is None else [network.path, network.path.with_suffix(".json")]
 
 
 _PROJECT = "sgp project"

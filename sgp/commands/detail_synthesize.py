@@ -12,7 +12,7 @@ import numpy as np
 import acquisition
 import processing
 import rig
-from sgp.cli.console import Stages
+from sgp.cli.console import with_progress
 from sgp.cli.exit import UsageError
 from sgp.cli.options import (
     Count,
@@ -181,21 +181,15 @@ def synthesize(
         target = second.normal_map
     detail = read.normal_map
     if not is_detail:
-        with Stages() as progress:
-            parts = processing.separate(detail, shape_filter=shape_filter, on_progress=progress)
-            detail = parts.detail
+        detail = with_progress(processing.separate)(detail, shape_filter=shape_filter).detail
     detail = processing.NormalMap(detail.normals[window], detail.mask[window])
     if is_detail:
         result.warnings += _shape_notice(detail, shape_filter, exemplar)
     with ExitStack() as opened:
         if method != "quilting":
-            sides = {} if patch is None else {"patch": patch}
-            with Stages() as progress:
-                made = Synthesised.in_memory(
-                    processing.synthesis.SYNTHESIZERS[method](
-                        detail, of_sheet, seed=seed, on_progress=progress, **sides
-                    )
-                )
+            sides: dict[str, Any] = {} if patch is None else {"patch": patch}
+            grow = with_progress(processing.synthesis.SYNTHESIZERS[method])
+            made = Synthesised.in_memory(grow(detail, of_sheet, seed=seed, **sides))
         elif target is None and limit.must_be_stored(need):
             given = {**options_of(stage), "is_detail": is_detail, "crop": crop}
             given |= {**asdict(options), "green": green}
@@ -205,20 +199,17 @@ def synthesize(
             )
             made = Synthesised.of_sheet(stage, sheet)
         elif target is None:
-            with Stages() as progress:
-                whole = processing.stages.computed(stage, detail, on_progress=progress)
+            whole = with_progress(processing.stages.computed)(stage, detail)
             made = Synthesised.of_sheet(stage, whole)
         else:
             shape = shape_filter.shape(target)
-            with Stages() as progress:
-                grown = processing.synthesize_onto(
-                    detail,
-                    shape,
-                    image_space=image_space,
-                    on_progress=progress,
-                    **guides,
-                    **{name: getattr(stage, name) for name in _PLACING},
-                )
+            grown = with_progress(processing.synthesize_onto)(
+                detail,
+                shape,
+                image_space=image_space,
+                **guides,
+                **{name: getattr(stage, name) for name in _PLACING},
+            )
             made = Synthesised.in_memory(grown)
         claim_folder(out, "synthesize.json")
         result.outputs = maps.write(out, made.normals, made.mask, "detail")

@@ -13,22 +13,9 @@ import acquisition
 import processing
 import rig
 from rig.arrays import Bool
-from sgp.cli.console import Stages
+from sgp.cli import options
+from sgp.cli.console import Stages, with_progress
 from sgp.cli.exit import UsageError
-from sgp.cli.options import (
-    Count,
-    Degrees,
-    Factor,
-    Green,
-    Input,
-    Memory,
-    OptionalInput,
-    Order,
-    Pixels,
-    Positive,
-    Steps,
-    numbers,
-)
 from sgp.results.output import claim_folder, writes_folder
 from sgp.results.result import Result
 from sgp.stages.maps import MapInput, stage_maps
@@ -61,10 +48,10 @@ class LocalOptions:
         Mirror the source region left to right.
     """
 
-    source_mask: OptionalInput = None
-    target_mask: OptionalInput = None
-    scale: Positive = 1.0
-    rotate_deg: Degrees = 0.0
+    source_mask: options.OptionalInput = None
+    target_mask: options.OptionalInput = None
+    scale: options.Positive = 1.0
+    rotate_deg: options.Degrees = 0.0
     mirror: bool = False
 
     def given(self) -> list[str]:
@@ -82,25 +69,25 @@ class LocalOptions:
 
 @writes_folder("normals.json")
 def transfer(
-    source: Input,
-    target: Input,
+    source: options.Input,
+    target: options.Input,
     *,
     out: Path,
     keep_target_detail: bool = False,
-    amplitude: Factor = 1.0,
-    refine: Steps = 0,
+    amplitude: options.Factor = 1.0,
+    refine: options.Steps = 0,
     filter: processing.detail.FilterKind = "gaussian",  # noqa: A002
-    order: Order = 8,
-    w: Count | None = None,
+    order: options.Order = 8,
+    w: options.Count | None = None,
     at: Place | None = None,
     tile: processing.Tile = "cut",
     local: LocalOptions = LocalOptions(),
     profile: bool = False,
-    source_green: Green = "up",
-    target_green: Green = "up",
+    source_green: options.Green = "up",
+    target_green: options.Green = "up",
     written: MapOptions = MAPS,
-    memory: Memory | None = None,
-    max_pixels: Pixels = rig.MAX_PIXELS,
+    memory: options.Memory | None = None,
+    max_pixels: options.Pixels = rig.MAX_PIXELS,
     force: bool = False,
 ) -> Result:
     r"""Transfer the detail of one normal map to the shape of another, globally or locally.
@@ -161,7 +148,7 @@ def transfer(
     force
         Write into an output folder that already contains files.
     """
-    place = None if at is None else numbers("--at", at, 2)
+    place = None if at is None else options.numbers("--at", at, 2)
     is_local = local != LocalOptions()
     if is_local and (keep_target_detail or refine):
         raise UsageError("--keep-target-detail and --refine cannot be used in a local transfer")
@@ -212,22 +199,20 @@ def _transfer_local(
     amplitude: float,
     shape_filter: processing.ShapeFilter,
 ) -> Transferred:
-    with Stages() as progress:
-        done = processing.transfer_local(
-            source.normal_map,
-            target.normal_map,
-            source_mask=_mask(local.source_mask, source.normal_map),
-            target_mask=_mask(local.target_mask, target.normal_map),
-            pose=processing.detail.Pose(
-                None if place is None else (place[0], place[1]),
-                local.scale,
-                local.rotate_deg,
-                local.mirror,
-            ),
-            amplitude=amplitude,
-            shape_filter=shape_filter,
-            on_progress=progress,
-        )
+    done = with_progress(processing.transfer_local)(
+        source.normal_map,
+        target.normal_map,
+        source_mask=_mask(local.source_mask, source.normal_map),
+        target_mask=_mask(local.target_mask, target.normal_map),
+        pose=processing.detail.Pose(
+            None if place is None else (place[0], place[1]),
+            local.scale,
+            local.rotate_deg,
+            local.mirror,
+        ),
+        amplitude=amplitude,
+        shape_filter=shape_filter,
+    )
     with Stages() as progress:
         return Transferred.of_part(done, source, target, progress)
 

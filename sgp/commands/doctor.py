@@ -127,17 +127,23 @@ def _numbers(version: str) -> tuple[int, ...]:
 
 
 def _names() -> _Findings:
+    clean = True
+    for finding in _clashes():
+        clean = False
+        yield finding
+    if clean:
+        yield "ok", "no other package or program has our names"
+
+
+def _clashes() -> _Findings:
     from importlib.metadata import packages_distributions
 
     complaint = foreign_package()
     if complaint is not None:
         yield "error", complaint
-    clashes = 0
     provided = packages_distributions()
     for name in PACKAGES:
-        others = sorted(set(provided.get(name, ())) - {acquisition.files.SOFTWARE})
-        clashes += len(others)
-        for other in others:
+        for other in sorted(set(provided.get(name, ())) - {acquisition.files.SOFTWARE}):
             yield (
                 "warning",
                 f"the package {other} also contains {name}: uninstall it, or install sgp in an "
@@ -147,20 +153,13 @@ def _names() -> _Findings:
     missing = []
     for program in ("sgp", "capture"):
         ours, first = shutil.which(program, path=str(scripts)), shutil.which(program)
-        if ours is None:
-            continue
-        if first is None:
+        if ours is not None and first is None:
             missing.append(program)
-        elif not os.path.samefile(first, ours):
-            clashes += 1
+        elif ours is not None and first is not None and not os.path.samefile(first, ours):
             yield "warning", f"{program} on the path is {first}: put {scripts} first in PATH"
     if missing:
-        clashes += 1
-        what = " and ".join(missing)
-        is_are = "is" if len(missing) == 1 else "are"
-        yield "warning", f"{what} {is_are} not on the path: add {scripts} to PATH"
-    if not clashes and complaint is None:
-        yield "ok", "no other package or program has our names"
+        are = f"{' and '.join(missing)} {'is' if len(missing) == 1 else 'are'}"
+        yield "warning", f"{are} not on the path: add {scripts} to PATH"
 
 
 def _compiler() -> _Findings:

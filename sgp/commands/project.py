@@ -12,7 +12,7 @@ from cyclopts.validators import Number
 
 import acquisition
 import processing
-from sgp.cli.console import Stages, shown
+from sgp.cli.console import shown, with_progress
 from sgp.cli.exit import UsageError
 from sgp.cli.options import Input, OptionalInput, Positive, Whole, image_size, numbers
 from sgp.results.metrics import ProjectMetrics
@@ -120,19 +120,17 @@ def project(
         raise UsageError(f"{camera}: the camera has no working distance: give --distance-mm")
     (read,) = [processing.read_geometry(path) for path in shown("reading", [geometry])]
     used: Unit = unit or ("m" if geometry.suffix.lower() == ".glb" else "mm")
-    with Stages() as progress:
-        seen = processing.project(
-            read,
-            rotation,
-            unit_mm=_UNIT_MM[used],
-            size=pixels,
-            pixel_mm=pixel_mm,
-            camera=model,
-            centred=not keep_origin,
-            smooth=shading == "smooth",
-            neighbours=neighbours,
-            on_progress=progress,
-        )
+    seen = with_progress(processing.project)(
+        read,
+        rotation,
+        unit_mm=_UNIT_MM[used],
+        size=pixels,
+        pixel_mm=pixel_mm,
+        camera=model,
+        centred=not keep_origin,
+        smooth=shading == "smooth",
+        neighbours=neighbours,
+    )
     result = Result(
         outputs=maps.write_map(claim_folder(out, "project.json"), seen.normal_map),
         warnings=list(seen.warnings),

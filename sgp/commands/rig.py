@@ -1,4 +1,10 @@
-"""``sgp rig``: check and operate the board and the camera."""
+"""Check and operate a rig: LED board and camera.
+
+For example:
+
+    sgp rig list
+    sgp rig check --rig bench.toml
+"""
 
 from __future__ import annotations
 
@@ -292,9 +298,8 @@ def selftest(*, rig: RigOption = None) -> Result:
         result = acquisition.selftests.selftest(opened, on_progress=progress)
     faults = [finding for finding in result.findings if finding.fault]
     notes = [finding for finding in result.findings if not finding.fault]
-    if (
-        name in rigs.config.rig_names()
-    ):  # opened by name: there is no file in which to set an option
+    # A rig that was opened by name has no file in which to set an option.
+    if name in rigs.config.rig_names():
         notes = [finding for finding in notes if finding.kind != "exposure active"]
     verdict = "no faults" if result.ok else rigs.pluralize(len(faults), "fault")
     if result.ok and any(finding.kind == "ambiguous" for finding in notes):

@@ -70,10 +70,9 @@ def run(
     ) as outcome:
         result = outcome.result
         add_sphere_lights(result, claim_folder(out, "summary.json"), recording.lit_by, "sgp run")
-        result.outputs["overview"] = out / "overview.png"
         with watch.stage("overview"):
             title = source_title(opened, source.name)
-            write_overview(result.outputs["overview"], title, outcome.panels)
+            write_overview(result.file("overview", out / "overview.png"), title, outcome.panels)
         with watch.stage("report"):
             write_report(out / "report.html", out, result, options.max_pixels)
     figures = outcome.metrics["normals"]

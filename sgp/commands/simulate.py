@@ -12,7 +12,7 @@ from cyclopts import Parameter
 import acquisition
 import rig
 import simulator
-from sgp.cli.console import Stages
+from sgp.cli.console import Stages, with_progress
 from sgp.cli.exit import UsageError
 from sgp.cli.options import Leds, Memory, Positive, Seed, image_size
 from sgp.results.metrics import SimulateMetrics
@@ -209,8 +209,7 @@ def _export_diligent(
         session.folder, "diligent", values="linear", lights=rendering.scene.lights
     )
     result.warnings += export.warnings
-    with Stages() as progress:
-        return export.write_into(folder, on_progress=progress)
+    return with_progress(export.write_into)(folder)
 
 
 def _list(sheet: Path | None, out: Path | None) -> Result:

@@ -16,6 +16,7 @@ from typing import Any, ParamSpec
 import acquisition
 from sgp.cli.console import shown
 from sgp.cli.exit import UsageError
+from sgp.cli.options import paths_of
 from sgp.results.hashes import SEAL, input_hashes, output_files, seal, sha256
 from sgp.results.metrics import RECORD_FORMAT, RECORD_VERSION
 from sgp.results.recordings import CALIBRATIONS, recordings_of
@@ -141,12 +142,6 @@ def _name(command: Callable[..., Result]) -> str:
     group = command.__module__.rpartition(".")[2].partition("_")[0]
     words = ["sgp", group, command.__name__.rstrip("_")]
     return " ".join(dict.fromkeys(words))
-
-
-def paths_of(values: Iterable[Any]) -> list[Path]:
-    """Return the paths among some arguments, including options with several values."""
-    several = (value if isinstance(value, (list, tuple)) else (value,) for value in values)
-    return [path for group in several for path in group if isinstance(path, Path)]
 
 
 def _check_apart(out: Path, inputs: list[Path]) -> None:

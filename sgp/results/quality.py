@@ -67,12 +67,9 @@ def add_uncertainty(metrics: NormalsMetrics, stage: processing.Reconstruction) -
     metrics["normal_sigma_common_deg"] = _median(stage.maps["normal_sigma_common_deg"])
     metrics["noise_from"] = stage.noise
     metrics["neighbour_correlation"] = stage.neighbour_correlation
-    totals = [_total(stage.maps[f"samples_{kind.name.lower()}"]) for kind in processing.SampleKind]
-    shares = [count / sum(totals) for count in totals]
-    named = {
-        name: shares[processing.SampleKind[name.upper()]] for name in SampleShares.__annotations__
-    }
-    metrics["samples"] = cast("SampleShares", named)
+    totals = {name: _total(stage.maps[f"samples_{name}"]) for name in SampleShares.__annotations__}
+    shares = {name: count / sum(totals.values()) for name, count in totals.items()}
+    metrics["samples"] = cast("SampleShares", shares)
 
 
 def sigma_lines(metrics: NormalsMetrics) -> list[str]:

@@ -12,8 +12,7 @@ import acquisition
 import rig
 from sgp.cli.console import shown
 from sgp.cli.exit import UsageError
-from sgp.results.hashes import seal, sha256
-from sgp.results.own_files import output_fault
+from sgp.results.hashes import output_fault, seal, sha256
 from sgp.results.record import OutputFile, ResultRecord, is_record, read_record
 from sgp.results.recordings import JOURNAL, compacted_since
 

@@ -22,6 +22,16 @@ if sys.platform != "win32":
 _STOPPING = b"\nstopping after this shot; Ctrl-C again stops now\n"
 # Interval at which a prompt checks whether Ctrl-C was pressed.
 _LOOK_S = 0.2
+# What the operator reads of an event, with its details.
+_EVENTS = {
+    "retake": "retake: {reason}",
+    "no_light_seen": "LED {led} at {exposure_us:g} us: exposure time too short to see its light, "
+    "which a longer exposure time showed",
+    "paused": "the disk is slower than the camera: waiting for the disk, with all LEDs off",
+    "set_aside": "set aside: {file}{kept}",
+    "upgraded": "the session was upgraded to format {to_version}",
+    "not_sequenced": "the plan requests a sequence, but shots are taken one by one: {reason}",
+}
 _CARD = "flat frames are next: put the white card under the camera"
 
 
@@ -64,26 +74,9 @@ class CaptureTalk:
 
     def on_event(self, event: str, details: Mapping[str, Any]) -> None:
         """Report the events that concern the operator."""
-        match event:
-            case "retake":
-                note(f"retake: {details['reason']}")
-            case "no_light_seen":
-                note(
-                    f"LED {details['led']} at {details['exposure_us']:g} us: exposure time too "
-                    "short to see its light, which a longer exposure time showed"
-                )
-            case "paused":
-                note("the disk is slower than the camera: waiting for the disk, with all LEDs off")
-            case "set_aside":
-                kept = f", kept as {details['kept']}" if details["kept"] else ""
-                note(f"set aside: {details['file']}{kept}")
-            case "upgraded":
-                note(f"the session was upgraded to format {details['to_version']}")
-            case "not_sequenced":
-                note(
-                    "the plan requests a sequence, but shots are taken one by one: "
-                    f"{details['reason']}"
-                )
+        if event in _EVENTS:
+            kept = f", kept as {details['kept']}" if details.get("kept") else ""
+            note(_EVENTS[event].format_map({**details, "kept": kept}))
 
     def on_damage(self, problem: str) -> None:
         """Report damage at once, while the object is still in place for a retake."""

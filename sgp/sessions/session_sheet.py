@@ -74,12 +74,10 @@ def in_order(
     frames: Sequence[acquisition.session.SessionFrame],
 ) -> list[acquisition.session.SessionFrame]:
     """Return frames in the order of the sheet: lights by LED and bracket, then the others."""
-
-    def place(frame: acquisition.session.SessionFrame) -> tuple[int, int, int]:
-        led = -1 if frame.led is None else frame.led
-        return _ORDER.index(frame.role), led, frame.bracket
-
-    return sorted(frames, key=place)
+    return sorted(
+        frames,
+        key=lambda one: (_ORDER.index(one.role), -1 if one.led is None else one.led, one.bracket),
+    )
 
 
 def _add_legend(strip: UInt8, session: acquisition.Session) -> None:

@@ -11,7 +11,7 @@ from cyclopts.validators import Number
 
 import acquisition
 import rig as rigs
-from sgp.cli.console import Stages, note
+from sgp.cli.console import note, with_progress
 from sgp.cli.exit import UsageError
 from sgp.cli.options import Real
 from sgp.results.result import Result
@@ -85,8 +85,7 @@ def metered(
     prepared: Preparation,
 ) -> acquisition.CapturePlan:
     """Return the plan with metered exposure times."""
-    with Stages() as progress:
-        metering = acquisition.metering.meter(rig, plan, goal, on_progress=progress)
+    metering = with_progress(acquisition.metering.meter)(rig, plan, goal)
     prepared.events.append(("metered", metering.details()))
     if metering.dead_leds:
         reason = "gave no light when metered"
@@ -144,8 +143,7 @@ def dry_run(
     rig: rigs.Rig, plan: acquisition.CapturePlan, shots: Sequence[acquisition.plan.PlannedShot]
 ) -> Result:
     """Take shots with all LEDs off without recording them."""
-    with Stages() as progress:
-        seconds = acquisition.engine.rehearse(rig, plan, on_progress=progress, shots=shots)
+    seconds = with_progress(acquisition.engine.rehearse)(rig, plan, shots=shots)
     count, info = len(shots), rig.camera.info
     size = count * info.width * info.height * 2
     return Result(

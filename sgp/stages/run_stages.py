@@ -18,9 +18,9 @@ from sgp.cli.console import note
 from sgp.cli.options import SourceOptions
 from sgp.pictures.crop import Crop
 from sgp.pictures.sheet import Panel
+from sgp.results.hashes import output_fault
 from sgp.results.metrics import StagesMetrics
 from sgp.results.output import claim_folder, write_record
-from sgp.results.own_files import output_fault
 from sgp.results.record import read_record
 from sgp.results.result import Result, dumps
 from sgp.results.stage_metrics import NormalsMetrics

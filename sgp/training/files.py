@@ -14,8 +14,8 @@ import rig
 from sgp.cli.exit import UsageError
 from sgp.results.result import dumps
 from sgp.training.judgement import Judgement
-from sgp.training.onnx_layers import onnx_bytes
 from sgp.training.presets import CORRECTED, HELD_OUT, Task
+from sgp.training.rdn import onnx_bytes
 
 if TYPE_CHECKING:
     import torch

@@ -1,11 +1,19 @@
-"""The residual dense network, written once for the two libraries that execute it."""
+"""The residual dense network, written once for torch, which trains it, and for ONNX."""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
+
+import numpy as np
+
+from rig.arrays import Float32
+
+if TYPE_CHECKING:
+    import torch
 
 T = TypeVar("T")
 
@@ -120,3 +128,139 @@ def weight_shapes(size: RdnSize) -> dict[str, tuple[int, int, int, int]]:
     shapes = _Shapes()
     rdn(size, shapes, None)
     return shapes.noted
+
+
+# Logarithm of the mean-square errors before training, in radian^2: about 5 degrees.
+_FIRST_VARIANCE = -5.0
+_VARIANCES = 2
+
+
+class TorchLayers:
+    """The layers of `rdn` in torch, with weights by name."""
+
+    def __init__(self, weights: Mapping[str, torch.Tensor]) -> None:
+        self._weights = weights
+
+    def convolve(
+        self, name: str, image: torch.Tensor, inputs: int, outputs: int, side: int
+    ) -> torch.Tensor:
+        """Return the convolution of an image, padded to its size."""
+        from torch.nn.functional import conv2d
+
+        weights, bias = self._weights[f"{name}.weight"], self._weights[f"{name}.bias"]
+        return conv2d(image, weights, bias, padding=side // 2)
+
+    def rectify(self, image: torch.Tensor) -> torch.Tensor:
+        """Return the values that are not negative, and 0 for the others."""
+        return image.relu()
+
+    def join(self, images: Sequence[torch.Tensor]) -> torch.Tensor:
+        """Return the channels of all images as one image."""
+        import torch
+
+        return torch.cat(list(images), 1)
+
+    def add(self, first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
+        """Return the sum of two images."""
+        return first + second
+
+    def shuffle(self, image: torch.Tensor, scale: int) -> torch.Tensor:
+        """Return groups of channels as the pixels of a larger image."""
+        from torch.nn.functional import pixel_shuffle
+
+        return pixel_shuffle(image, scale)
+
+
+def as_images(maps: Float32) -> torch.Tensor:
+    """Return ``(B, h, w, 3)`` maps as a tensor ``(B, 3, h, w)``, its channels last in memory."""
+    import torch
+
+    return torch.from_numpy(np.ascontiguousarray(maps)).permute(0, 3, 1, 2)
+
+
+def forward(size: RdnSize, weights: Mapping[str, Any], low: torch.Tensor) -> torch.Tensor:
+    """Return the output of the network for ``(B, 3, h, w)`` normals of low resolution."""
+    return rdn(size, TorchLayers(weights), low)
+
+
+def first_weights(size: RdnSize, seed: int) -> dict[str, torch.Tensor]:
+    """Return random weights, except of the last convolution, whose output is constant.
+
+    Training starts at bicubic interpolation, because the residual is 0.
+    """
+    import torch
+
+    random = torch.Generator().manual_seed(seed)
+    weights: dict[str, torch.Tensor] = {}
+    for name, shape in weight_shapes(size).items():
+        reach = 1 / math.sqrt(math.prod(shape[1:]))
+        start, bias = torch.zeros(shape), torch.zeros(shape[0])
+        if name == "last":
+            bias[-_VARIANCES * shape[0] // 5 :] = _FIRST_VARIANCE
+        else:
+            start.uniform_(-reach, reach, generator=random)
+            bias.uniform_(-reach, reach, generator=random)
+        weights[f"{name}.weight"] = start.contiguous(memory_format=torch.channels_last)
+        weights[f"{name}.bias"] = bias
+    return weights
+
+
+OPSET, _IR_VERSION = 17, 8
+
+
+class _OnnxLayers:
+    """The layers of `rdn` as nodes of a graph; an image is the name of a node's output."""
+
+    def __init__(self, weights: Mapping[str, Float32]) -> None:
+        self._weights = weights
+        self.nodes: list[Any] = []
+        self.constants: list[Any] = []
+
+    def _node(self, kind: str, images: Sequence[str], **attributes: Any) -> str:
+        from onnx import helper
+
+        out = f"{kind.lower()}{len(self.nodes)}"
+        self.nodes.append(helper.make_node(kind, list(images), [out], out, **attributes))
+        return out
+
+    def convolve(self, name: str, image: str, inputs: int, outputs: int, side: int) -> str:
+        from onnx import numpy_helper
+
+        names = [f"{name}.weight", f"{name}.bias"]
+        self.constants += [
+            numpy_helper.from_array(np.ascontiguousarray(self._weights[one]), one) for one in names
+        ]
+        pads, sides = [side // 2] * 4, [side, side]
+        return self._node("Conv", [image, *names], kernel_shape=sides, pads=pads)
+
+    def rectify(self, image: str) -> str:
+        return self._node("Relu", [image])
+
+    def join(self, images: Sequence[str]) -> str:
+        return images[0] if len(images) == 1 else self._node("Concat", images, axis=1)
+
+    def add(self, first: str, second: str) -> str:
+        return self._node("Add", [first, second])
+
+    def shuffle(self, image: str, scale: int) -> str:
+        # CRD is the order of channels of torch's pixel_shuffle.
+        return self._node("DepthToSpace", [image], blocksize=scale, mode="CRD")
+
+
+def onnx_bytes(size: RdnSize, weights: Mapping[str, Float32]) -> bytes:
+    """Return the ONNX file of a network: ``low`` (1, 3, h, w) to ``high`` (1, 5, s h, s w).
+
+    It has only operations that OpenCV's dnn executes.
+    """
+    from onnx import TensorProto, checker, helper
+
+    layers = _OnnxLayers(weights)
+    rdn(size, layers, "low")
+    layers.nodes[-1].output[0] = "high"
+    low = helper.make_tensor_value_info("low", TensorProto.FLOAT, [1, 3, "h", "w"])
+    high = helper.make_tensor_value_info("high", TensorProto.FLOAT, [1, OUTPUTS, "sh", "sw"])
+    graph = helper.make_graph(layers.nodes, "rdn", [low], [high], layers.constants)
+    opset = helper.make_opsetid("", OPSET)
+    model = helper.make_model(graph, opset_imports=[opset], ir_version=_IR_VERSION)
+    checker.check_model(model)
+    return bytes(model.SerializeToString(deterministic=True))

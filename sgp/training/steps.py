@@ -14,7 +14,7 @@ import acquisition
 import rig
 from sgp.training.pairs import PairFiles, batch
 from sgp.training.presets import Task
-from sgp.training.torch_layers import as_images, first_weights, forward
+from sgp.training.rdn import as_images, first_weights, forward
 
 if TYPE_CHECKING:
     import torch

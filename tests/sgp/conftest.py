@@ -1,9 +1,11 @@
 """A small recording, and a fixture that runs commands as from the command line."""
 
+from __future__ import annotations
+
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -24,6 +26,19 @@ class Answer(NamedTuple):
     code: int
     out: str
     err: str
+
+    def ok(self) -> Answer:
+        """Assert that the command succeeded, and return its answer."""
+        assert self.code == 0, self
+        return self
+
+    def report(self) -> dict[str, Any]:
+        """Return the object that a command printed that succeeded with ``--json``."""
+        return json.loads(self.ok().out)
+
+    def figures(self) -> dict[str, Any]:
+        """Return the figures of a command that succeeded with ``--json``."""
+        return self.report()["metrics"]
 
     def error_line(self, code: int) -> str:
         """Assert that stderr is a single error line, and return it."""

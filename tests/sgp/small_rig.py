@@ -1,6 +1,11 @@
 """A small simulated rig, and commands that record with it."""
 
+import os
+import signal
+import subprocess
 import sys
+import time
+from pathlib import Path
 
 from acquisition import Session
 
@@ -25,3 +30,24 @@ def capture(sgp, *words, **options):
 
 def events(folder):
     return [line.event for line in Session.open(folder).events if line.event != "paused"]
+
+
+def interrupted(words, file: Path, cwd: Path | None = None) -> str:
+    """Start a command, press Ctrl-C when it has written a file, and return what it prints."""
+    process = subprocess.Popen(
+        [str(word) for word in words],
+        cwd=cwd,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"NUMBA_NUM_THREADS": "1"},
+    )
+    deadline = time.monotonic() + 60
+    while not file.exists():
+        assert process.poll() is None, process.stderr.read()
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    _, message = process.communicate(timeout=60)
+    assert process.returncode == 130, message
+    assert "Traceback" not in message
+    return message

@@ -70,6 +70,11 @@ def task(tmp_path, source) -> Task:
     return Task("owl", source, (stage,), out / "owl", tmp_path, log, out / "owl.png", attempts=3)
 
 
+@pytest.fixture
+def states(task) -> States:
+    return States(task.log.parent)
+
+
 def with_words(task: Task, *words: str) -> Task:
     stage = task.stages[0]
     return replace(task, stages=(replace(stage, words=(*stage.words, *words)),))
@@ -114,8 +119,7 @@ def test_a_touched_file_that_was_not_hashed_counts_as_changed(source) -> None:
     assert difference(before, stamps([source])) == "a.txt was changed"
 
 
-def test_a_result_is_computed_again_only_if_it_has_to_be(task, monkeypatch) -> None:
-    states = States(task.log.parent)
+def test_a_result_is_computed_again_only_if_it_has_to_be(task, states, monkeypatch) -> None:
     assert reason_to_run(task, {}) == "new"
     outcome = perform(task)
     assert outcome.error is None
@@ -138,9 +142,8 @@ def test_a_result_is_computed_again_only_if_it_has_to_be(task, monkeypatch) -> N
     assert reason_to_run(task, states.read_all()) == f"computed by version {SOFTWARE}"
 
 
-def test_a_result_that_was_being_overwritten_is_computed_again(task) -> None:
+def test_a_result_that_was_being_overwritten_is_computed_again(task, states) -> None:
     """The files may be those of other options, with which the batch was interrupted."""
-    states = States(task.log.parent)
     states.write(task, perform(task))
     states.begin(with_words(task, "--text=more"), states.read_all()["owl"])
     assert reason_to_run(task, states.read_all()) == "interrupted before"
@@ -148,8 +151,9 @@ def test_a_result_that_was_being_overwritten_is_computed_again(task) -> None:
     assert reason_to_run(task, states.read_all()) is None
 
 
-def test_a_damaged_state_costs_one_source_and_one_of_another_version_is_refused(task) -> None:
-    states = States(task.log.parent)
+def test_a_damaged_state_costs_one_source_and_one_of_another_version_is_refused(
+    task, states
+) -> None:
     states.write(task, perform(task))
     path = states.path("owl")
     whole = path.read_text()
@@ -247,9 +251,8 @@ def test_wrong_recipes_are_refused(tmp_path, text, message) -> None:
         read_recipe(recipe)
 
 
-def test_tables_escape_what_names_and_errors_contain(task, tmp_path) -> None:
+def test_tables_escape_what_names_and_errors_contain(task, states, tmp_path) -> None:
     hostile = "<script>\u202e\"'&\n"
-    states = States(task.log.parent)
     good = states.write(task, perform(task))
     bad = good.model_copy(update={"error": hostile, "source": f"/{hostile}"})
     (tmp_path / "out" / hostile).mkdir()
@@ -266,9 +269,9 @@ def test_tables_escape_what_names_and_errors_contain(task, tmp_path) -> None:
 
 
 @pytest.mark.parametrize("begin", ["=", "+", "-", "@", "\t", "\n", "\uff1d"])
-def test_no_text_of_the_table_is_a_formula(task, begin) -> None:
+def test_no_text_of_the_table_is_a_formula(task, states, begin) -> None:
     formula = f"{begin}1+1\r=2"
-    state = States(task.log.parent).write(task, perform(task))
+    state = states.write(task, perform(task))
     state = state.model_copy(update={"error": formula, "source": formula, "seconds": -1.5})
     text = csv_table({formula: state})
     (row,) = csv.DictReader(io.StringIO(text, newline=""))
@@ -276,8 +279,8 @@ def test_no_text_of_the_table_is_a_formula(task, begin) -> None:
     assert row["seconds"] == "-1.5"
 
 
-def test_a_time_that_was_set_back_and_new_permissions_cost_one_reading(task) -> None:
-    states, path = States(task.log.parent), task.source / "a.txt"
+def test_a_time_that_was_set_back_and_new_permissions_cost_one_reading(task, states) -> None:
+    path = task.source / "a.txt"
     states.write(task, perform(task))
     path.chmod(0o600)
     known = states.read_all()
@@ -312,8 +315,7 @@ def test_a_worker_that_wakes_up_late_replaces_nothing(task) -> None:
     assert (task.out / "copy.txt").read_text() in ("newerb", "bnewer")
 
 
-def test_a_name_that_is_too_long_for_a_file_is_found_before_the_work(task) -> None:
-    states = States(task.log.parent)
+def test_a_name_that_is_too_long_for_a_file_is_found_before_the_work(task, states) -> None:
     acquisition.make_folder(states.folder)
     assert states.unusable("owl") is None
     assert states.unusable("o" * 252) == "File name too long"
@@ -327,8 +329,7 @@ def test_a_name_that_is_too_long_for_a_file_is_found_before_the_work(task) -> No
         (7, "1 failed; 7 results of other sources are in this folder; the table has only the"),
     ],
 )
-def test_the_page_says_what_it_does_not_show(task, tmp_path, others, said) -> None:
-    states = States(task.log.parent)
+def test_the_page_says_what_it_does_not_show(task, states, tmp_path, others, said) -> None:
     good = states.write(task, perform(task))
     bad = good.model_copy(update={"error": "the disk is full", "figures": {}})
     page = html_table(tmp_path / "out", {"owl": good, "cat": bad}, others)

@@ -61,8 +61,7 @@ def test_a_map_with_green_down_is_named(
     before, after, option = COMMANDS[name]
     for given in ("up", "down"):
         words = [*before.split(), given, *after.split(), "--out", tmp_path / given, "--json"]
-        answer = sgp(*words)
-        assert answer.code == 0, answer.err
+        answer = sgp(*words).ok()
         found = [
             notice
             for notice in json.loads(answer.out)["notices"]

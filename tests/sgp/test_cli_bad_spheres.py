@@ -96,8 +96,7 @@ def camera_file(path, focal_px=900.0):
 )
 def test_what_is_no_mirror_sphere_is_refused(sgp, tmp_path, draw, says):
     source = recording(tmp_path / "s", draw)
-    answer = sgp("calibrate", "spheres", source, "--out", tmp_path / "l.json")
-    assert says in answer.error_line(5)
+    assert says in sgp("calibrate", "spheres", source, "--out", tmp_path / "l.json").error_line(5)
     assert not (tmp_path / "l.json").exists()
 
 
@@ -114,8 +113,7 @@ def test_a_marked_ball_without_highlights_is_refused(sgp, tmp_path, draw, says):
 
 def test_saturated_highlights_are_reported_and_located(sgp, tmp_path):
     source = recording(tmp_path / "s", saturated)
-    answer = sgp("calibrate", "spheres", source, "--out", tmp_path / "l.json")
-    assert answer.code == 0, answer.err
+    answer = sgp("calibrate", "spheres", source, "--out", tmp_path / "l.json").ok()
     (line,) = [one for one in answer.err.splitlines() if one.startswith("note: ")]
     assert "100 % of the highlights are saturated" in line
     assert "add a short exposure" in line
@@ -127,8 +125,7 @@ def test_one_sphere_where_positions_are_wanted_says_so(sgp, tmp_path):
     source = recording(tmp_path / "s", mirror)
     words = ("calibrate", "spheres", source, "--camera", camera_file(tmp_path / "c.json"))
     radius = ("--sphere", "130,100,45", "--radius-mm", 28.5)
-    answer = sgp(*words, *radius, "--out", tmp_path / "l.json")
-    assert answer.code == 0, answer.err
+    answer = sgp(*words, *radius, "--out", tmp_path / "l.json").ok()
     assert "one sphere gives only directions: positions require two spheres" in answer.err
     assert not read_lights(tmp_path / "l.json").near
 

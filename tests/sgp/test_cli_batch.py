@@ -88,8 +88,7 @@ def test_a_batch_does_what_is_missing(here, sgp, two, recipe, tmp_path) -> None:
     assert picture.shape == (160, 192, 3)
     assert np.ptp(picture[75:85, 94:98].astype(int), axis=(0, 1)).max() < 40  # flat in the middle
     (two[1] / "ball.3.png").write_bytes(kept)
-    answer = sgp(*words)
-    assert answer.code == 0
+    answer = sgp(*words).ok()
     assert json.loads(answer.out)["metrics"]["computed"] == 1
     assert "bright: computed again: failed before" in answer.err
     assert json.loads(sgp(*words).out)["metrics"]["computed"] == 0
@@ -137,8 +136,7 @@ def test_a_file_that_one_source_lacks_is_its_own_failure(here, sgp, two, recipe,
     (two[0] / "own.json").write_bytes((tmp_path / "lights.json").read_bytes())
     (two[0] / "curve.txt").write_text("0 0\n65535 1\n")
     recipe.write_text('[run]\nlights = "{source}/own.json"\ngamma = "{source}/curve.txt"\n')
-    answer = sgp("batch", *two, "--out", tmp_path / "out", "--recipe", recipe, "--json")
-    assert answer.code == 4
+    assert sgp("batch", *two, "--out", tmp_path / "out", "--recipe", recipe, "--json").code == 4
     assert {name: row["status"] for name, row in table(tmp_path / "out").items()} == {
         "ball": "done",
         "bright": "failed",
@@ -191,8 +189,7 @@ def test_wrong_commands_are_refused_before_any_work(here, sgp, two, recipe, tmp_
     assert not out.exists() or not any(path.is_file() for path in out.rglob("*"))
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "notes.txt").touch()
-    text = sgp("batch", *two, "--out", tmp_path / "full").error_line(2)
-    assert "already contains files" in text
+    assert "already contains files" in sgp("batch", *two, "--out", tmp_path / "full").error_line(2)
     assert "folder of the input" in sgp("batch", *two, "--out", two[0] / "out").error_line(2)
 
 

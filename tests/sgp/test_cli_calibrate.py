@@ -54,8 +54,7 @@ def error_deg(path):
 @pytest.mark.parametrize("name", quick(["mask.png", "chrome.mask.png"], every=2))
 def test_the_mask_file_of_a_plain_folder_marks_the_sphere(sgp, chrome, tmp_path, name):
     write_png(chrome / name, disc())
-    answer = sgp("calibrate", "spheres", chrome, "--out", tmp_path / "l.json", "--json")
-    assert answer.code == 0, answer.err
+    answer = sgp("calibrate", "spheres", chrome, "--out", tmp_path / "l.json", "--json").ok()
     (sphere,) = json.loads(answer.out)["metrics"]["spheres"]
     # The anti-aliased edge is used: thresholded at 0.5 it would scatter by a third of a pixel.
     assert sphere["rms_px"] < 0.05
@@ -67,8 +66,9 @@ def test_masks_in_the_folder_may_be_given_one_by_one(sgp, chrome, tmp_path):
     write_png(left, disc())
     write_png(right, disc((160, 120), 15))  # an empty place, which the answer names
     found = tmp_path / "l.json"
-    answer = sgp("calibrate", "spheres", chrome, "--mask", left, "--mask", right, "--out", found)
-    assert answer.code == 0, answer.err
+    answer = sgp(
+        "calibrate", "spheres", chrome, "--mask", left, "--mask", right, "--out", found
+    ).ok()
     assert "not used" not in answer.err
     assert "no highlight under any light on the sphere at (160, 120) px" in answer.err
     assert error_deg(found) < 0.3
@@ -78,15 +78,13 @@ def test_masks_in_the_folder_may_be_given_one_by_one(sgp, chrome, tmp_path):
 def test_an_object_in_the_mask_file_of_a_plain_folder_is_named(sgp, chrome, tmp_path):
     write_png(chrome / "mask.png", disc((150, 120), 20))
     answer = sgp("calibrate", "spheres", chrome, "--out", tmp_path / "l.json")
-    message = answer.error_line(5)
-    assert f"{chrome / 'mask.png'} was used as the mask of a sphere" in message
+    assert f"{chrome / 'mask.png'} was used as the mask of a sphere" in answer.error_line(5)
 
 
 def test_a_given_outline_comes_before_the_mask_file(sgp, chrome, tmp_path):
     write_png(chrome / "mask.png", disc((150, 120), 20))
     words = ("calibrate", "spheres", chrome, "--sphere", "82,70,47", "--out", tmp_path / "l.json")
-    answer = sgp(*words)
-    assert answer.code == 0, answer.err
+    sgp(*words).ok()
     assert error_deg(tmp_path / "l.json") < 1
 
 
@@ -139,8 +137,7 @@ LAYOUTS = [
 def test_the_mask_of_an_object_is_not_used_for_a_sphere(sgp, chrome, tmp_path, made):
     source, mask = made(sgp, chrome)
     assert mask.exists()
-    answer = sgp("calibrate", "spheres", source, "--out", tmp_path / "found.json")
-    assert answer.code == 0, answer.err
+    sgp("calibrate", "spheres", source, "--out", tmp_path / "found.json").ok()
     assert error_deg(tmp_path / "found.json") < 1
     # Given as an option, the same file is the mask of a sphere, here without any highlight.
     answer = sgp("calibrate", "spheres", source, "--mask", mask, "--out", tmp_path / "m.json")
@@ -168,8 +165,7 @@ def coin(tmp_path_factory):
 def test_spheres_next_to_an_object_give_the_positions(sgp, coin, tmp_path):
     truth = read_lights(coin / "derived" / "truth" / "lights.json")
     found = tmp_path / "l.json"
-    answer = sgp("calibrate", "spheres", coin, "--radius-mm", 12, "--out", found, "--json")
-    assert answer.code == 0, answer.err
+    answer = sgp("calibrate", "spheres", coin, "--radius-mm", 12, "--out", found, "--json").ok()
     assert len(json.loads(answer.out)["metrics"]["spheres"]) >= 3
     lights = read_lights(found)
     assert np.linalg.norm(lights.positions_mm - truth.positions_mm, axis=1).mean() < 4
@@ -189,8 +185,7 @@ def card(tmp_path_factory):
 def test_intensities_come_from_the_card_and_not_from_the_object(sgp, card, tmp_path):
     truth = card / "derived" / "truth" / "lights.json"
     found = tmp_path / "i.json"
-    answer = sgp("calibrate", "intensities", card, "--lights", truth, "--out", found, "--json")
-    assert answer.code == 0, answer.err
+    answer = sgp("calibrate", "intensities", card, "--lights", truth, "--out", found, "--json").ok()
     strength, true = (np.asarray(read_lights(p).intensities).mean(axis=1) for p in (found, truth))
     # If the coin were used as the card: mu 0, errors of 1.2 % on average.
     assert np.abs(strength / strength.mean() / (true / true.mean()) - 1).mean() < 0.006
@@ -202,8 +197,7 @@ def test_strengths_are_one_block_and_complete_figures(sgp, card, tmp_path):
     again = shutil.copytree(card, tmp_path / "again")
     words = ("calibrate", "intensities", card, again, "--height-mm", 0, "--height-mm", 0)
     found = tmp_path / "i.json"
-    answer = sgp(*words, "--lights", truth, "--out", found)
-    assert answer.code == 0, answer.err
+    answer = sgp(*words, "--lights", truth, "--out", found).ok()
     lines = answer.out.splitlines()
     assert max(map(len, lines)) <= 78
     assert "vignetting cannot be separated from the card's albedo" in answer.out

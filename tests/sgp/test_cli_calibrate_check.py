@@ -143,11 +143,7 @@ def test_refused_in_one_line(
     expected: str,
 ) -> None:
     monkeypatch.chdir(folder)
-    answer = sgp("calibrate", "check", *words.split())
-    assert answer.code == code, answer.err
-    assert expected in answer.err
-    assert len(answer.err.splitlines()) == 1
-    assert answer.out == ""
+    assert expected in sgp("calibrate", "check", *words.split()).error_line(code)
 
 
 def test_json(sgp: Callable[..., object], folder: Path) -> None:

@@ -10,12 +10,19 @@ from acquisition import Session, read_image
 from tests.sgp.small_rig import RIG, capture, events
 
 
+@pytest.fixture
+def dead_led(tmp_path):
+    """A rig file of which LED 2 gives no light, although it is not listed as dead."""
+    path = tmp_path / "rig.toml"
+    path.write_text(RIG + "[options.lamps]\ndead = [2]\n", encoding="utf-8")
+    return path
+
+
 def test_a_session_is_checked_recorded_verified_and_described(sgp, rig, plan, tmp_path):
     out = tmp_path / "session"
     words = ("--rig", rig, "--plan", plan(5000.0), "--object-name", "coin", "--operator", "Ada")
     more = ("--place", "hall 3", "--rights", "CC0", "--notes", "rim scratched")
-    answer = capture(sgp, out, *words, *more, check=True)
-    assert answer.code == 0, answer.err
+    capture(sgp, out, *words, *more, check=True).ok()
     assert events(out) == ["checked", "camera_settings"]
     assert sgp("capture", "verify", out).code == 0
     info = sgp("capture", "info", out, "--frames")
@@ -27,10 +34,8 @@ def test_a_session_is_checked_recorded_verified_and_described(sgp, rig, plan, tm
     assert sgp("capture", "verify", out).code == 0
 
 
-def test_a_failed_check_ends_it_before_anything_is_recorded(sgp, tmp_path, plan):
-    rig = tmp_path / "rig.toml"
-    rig.write_text(RIG + "[options.lamps]\ndead = [2]\n", encoding="utf-8")
-    answer = capture(sgp, tmp_path / "s", "--rig", rig, "--plan", plan(5000.0), check=True)
+def test_a_failed_check_ends_it_before_anything_is_recorded(sgp, dead_led, tmp_path, plan):
+    answer = capture(sgp, tmp_path / "s", "--rig", dead_led, "--plan", plan(5000.0), check=True)
     assert answer.code == 3
     assert "LED" in answer.err
     assert "2" in answer.err
@@ -38,10 +43,8 @@ def test_a_failed_check_ends_it_before_anything_is_recorded(sgp, tmp_path, plan)
 
 
 @pytest.mark.slow
-def test_an_led_that_gives_no_light_is_found_while_recording(sgp, tmp_path, plan):
-    rig = tmp_path / "rig.toml"
-    rig.write_text(RIG + "[options.lamps]\ndead = [2]\n", encoding="utf-8")
-    answer = capture(sgp, tmp_path / "s", "--rig", rig, "--plan", plan(5000.0))
+def test_an_led_that_gives_no_light_is_found_while_recording(sgp, dead_led, tmp_path, plan):
+    answer = capture(sgp, tmp_path / "s", "--rig", dead_led, "--plan", plan(5000.0))
     assert answer.code == 3
     assert "LED 2 gave no light" in answer.err
     assert "the LEDs are off" in answer.err
@@ -49,8 +52,7 @@ def test_an_led_that_gives_no_light_is_found_while_recording(sgp, tmp_path, plan
     listed = tmp_path / "listed.toml"
     listed.write_text(RIG.replace("leds = 6", "leds = 6\ndead_leds = [2]"), encoding="utf-8")
     out = tmp_path / "t"
-    answer = capture(sgp, out, "--rig", listed, "--plan", plan(5000.0), "--json")
-    assert answer.code == 0
+    answer = capture(sgp, out, "--rig", listed, "--plan", plan(5000.0), "--json").ok()
     assert any("2" in line and "dead" in line for line in json.loads(answer.out)["warnings"])
     session = Session.open(out)
     assert session.complete
@@ -60,8 +62,7 @@ def test_an_led_that_gives_no_light_is_found_while_recording(sgp, tmp_path, plan
 
 
 def test_exposures_are_metered_and_the_metering_is_recorded(sgp, rig, plan, tmp_path):
-    answer = capture(sgp, tmp_path / "s", "--rig", rig, "--plan", plan(5000.0), "--meter", "one")
-    assert answer.code == 0, answer.err
+    capture(sgp, tmp_path / "s", "--rig", rig, "--plan", plan(5000.0), "--meter", "one").ok()
     assert "metered" in events(tmp_path / "s")
     session = Session.open(tmp_path / "s")
     bright = [f.line.percentiles_dn["99"] for f in session.frames if f.role == "light"]
@@ -80,11 +81,11 @@ def test_the_wiring_is_checked_before_metering(sgp, tmp_path, plan, monkeypatch)
     assert not (tmp_path / "s").exists()
 
 
-def test_a_dead_led_passes_the_wiring_check_and_is_left_out_by_metering(sgp, tmp_path, plan):
+def test_a_dead_led_passes_the_wiring_check_and_is_left_out_by_metering(
+    sgp, dead_led, tmp_path, plan
+):
     """The LEDs are tested once, and the result is recorded with the other checks."""
-    rig = tmp_path / "rig.toml"
-    rig.write_text(RIG + "[options.lamps]\ndead = [2]\n", encoding="utf-8")
-    words = ("--rig", rig, "--plan", plan(5000.0), "--meter", "each")
+    words = ("--rig", dead_led, "--plan", plan(5000.0), "--meter", "each")
     answer = capture(sgp, tmp_path / "s", *words, check=True)
     session = Session.open(tmp_path / "s")
     events = [line.event for line in session.events]
@@ -94,11 +95,10 @@ def test_a_dead_led_passes_the_wiring_check_and_is_left_out_by_metering(sgp, tmp
     assert session.complete, answer.err
 
 
-def test_an_led_without_light_in_the_metering_is_skipped(sgp, tmp_path, plan):
-    rig = tmp_path / "rig.toml"
-    rig.write_text(RIG + "[options.lamps]\ndead = [2]\n", encoding="utf-8")
-    answer = capture(sgp, tmp_path / "s", "--rig", rig, "--plan", plan(5000.0), "--meter", "each")
-    assert answer.code == 0, answer.err
+def test_an_led_without_light_in_the_metering_is_skipped(sgp, dead_led, tmp_path, plan):
+    answer = capture(
+        sgp, tmp_path / "s", "--rig", dead_led, "--plan", plan(5000.0), "--meter", "each"
+    ).ok()
     assert "LED 2 gives no light" in answer.err
     assert events(tmp_path / "s")[:2] == ["metered", "left_out"]
     session = Session.open(tmp_path / "s")
@@ -109,8 +109,7 @@ def test_an_led_without_light_in_the_metering_is_skipped(sgp, tmp_path, plan):
 def test_a_dry_run_records_nothing_and_lights_nothing(sgp, rig, plan, tmp_path):
     answer = capture(
         sgp, tmp_path / "s", "--rig", rig, "--plan", plan(5000.0), "--dry-run", "--json"
-    )
-    assert answer.code == 0, answer.err
+    ).ok()
     metrics = json.loads(answer.out)["metrics"]
     assert (metrics["shots"], metrics["recorded"]) == (7, False)
     assert metrics["bytes"] == 7 * 64 * 52 * 2
@@ -132,8 +131,7 @@ def test_a_dry_run_records_nothing_and_lights_nothing(sgp, rig, plan, tmp_path):
 )
 def test_the_metering_goal_can_be_set(sgp, rig, plan, tmp_path, words, expected):
     out = tmp_path / "s"
-    answer = capture(sgp, out, "--rig", rig, "--plan", plan(5000.0), "--meter", "each", *words)
-    assert answer.code == 0, answer.err
+    capture(sgp, out, "--rig", rig, "--plan", plan(5000.0), "--meter", "each", *words).ok()
     metered = next(line for line in Session.open(out).events if line.event == "metered").details
     names = ("percentile", "fraction", "max_clipped_fraction")
     assert tuple(metered[name] for name in names) == expected

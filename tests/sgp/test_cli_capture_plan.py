@@ -52,8 +52,7 @@ def test_a_plan_is_shown_without_hardware(sgp, plan):
 
 
 def test_time_and_dead_leds_are_those_of_the_rig_file(sgp, plan, rig):
-    answer = sgp("capture", "plan", plan(), "--rig", rig, "--frame-ms", 10)
-    assert answer.code == 0
+    answer = sgp("capture", "plan", plan(), "--rig", rig, "--frame-ms", 10).ok()
     assert "LEDs 7 skipped: listed in dead_leds" in answer.err
     assert "L07" not in answer.out
     assert "10 shots: 8 light, 2 dark" in answer.out
@@ -102,6 +101,9 @@ def test_earlier_spellings_still_work(sgp):
         pytest.param(["--leds", "36"], "--led-count 36 for 36 LEDs, or --leds 36-36", id="number"),
         pytest.param(["--leds", "1,x"], "'x' is neither an LED number nor a range", id="text"),
         pytest.param(["--leds", "0-3,2"], "LED 2 is listed twice", id="twice"),
+        pytest.param(["--leds", "0-40"], "--leds: the plan's LED 36", id="LED of the board"),
+        pytest.param(["--leds", "70000-70001"], "no LED 70001", id="LED"),
+        pytest.param(["--leds", "0-5", "--led-count", "3"], "--leds: ", id="count"),
         pytest.param(["{plan}", "--leds", "0-3"], "leave out --leds", id="plan and LEDs"),
         pytest.param(["--rig", "simulated", "--led-count", "3"], "leave out", id="rig and count"),
         pytest.param(["--size", "8x8", "--width", "8"], "--size gives width and", id="two sizes"),
@@ -111,10 +113,6 @@ def test_earlier_spellings_still_work(sgp):
 def test_options_of_a_plan_that_contradict(sgp, plan, words, message):
     path = plan()
     assert message in sgp("capture", "plan", *(w.format(plan=path) for w in words)).error_line(2)
-
-
-def test_a_listed_led_that_the_board_lacks(sgp):
-    assert "--leds: the plan's LED 36" in sgp("capture", "plan", "--leds", "0-40").error_line(2)
 
 
 def test_exposures_are_shown_by_groups_of_leds(sgp, plan):
@@ -147,13 +145,9 @@ def test_many_exposures_take_few_lines(sgp, plan):
     ],
 )
 def test_plans_that_are_refused(sgp, plan, text, message):
-    answer = sgp("capture", "plan", plan(text))
-    assert answer.code == 4
-    assert answer.out == ""
-    assert message in answer.err
-    assert answer.err.startswith("error: ")
-    assert "plan.toml: " in answer.err
-    assert len(answer.err.splitlines()) == 1
+    line = sgp("capture", "plan", plan(text)).error_line(4)
+    assert message in line
+    assert "plan.toml: " in line
 
 
 @pytest.mark.parametrize(
@@ -169,8 +163,7 @@ def test_missing_files_are_wrong_usage(sgp, words):
 
 
 def test_a_working_rig_is_ready(sgp, rig, plan, tmp_path):
-    answer = sgp("capture", "check", tmp_path / "new", "--rig", rig, "--plan", plan())
-    assert answer.code == 0, answer.out
+    answer = sgp("capture", "check", tmp_path / "new", "--rig", rig, "--plan", plan()).ok()
     assert answer.out.splitlines()[-1] == "ready to record"
     lines = [line for line in answer.out.splitlines()[:-1] if not line.startswith(" ")]
     rows = [line.split()[:2] for line in lines]
@@ -197,11 +190,6 @@ def test_a_rig_that_is_not_ready_gives_exit_3_and_says_why(sgp, rig, plan, tmp_p
     states = {check["name"]: check["state"] for check in report["metrics"]["checks"]}
     assert states["camera"] == "failed"
     assert "LEDs" not in states
-
-
-def test_help_has_an_example(sgp):
-    for command in ("plan", "check"):
-        assert f"capture {command} " in sgp("capture", command, "--help").out
 
 
 def test_help_is_wrapped_by_paragraphs(sgp, monkeypatch):

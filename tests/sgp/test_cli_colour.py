@@ -40,8 +40,7 @@ def parameters(path: Path) -> dict:
 def test_photographs_in_colour_give_coloured_results(sgp, photographs, tmp_path) -> None:
     out = tmp_path / "out"
     lights = ["--lights", tmp_path / "lights.json"]
-    answer = sgp("run", photographs, *lights, "--glb", "--obj", "--out", out, "--json")
-    assert answer.code == 0, answer.err
+    answer = sgp("run", photographs, *lights, "--glb", "--obj", "--out", out, "--json").ok()
     mask = read_mask(out / "normals" / "mask.png")
     albedo = read_image(out / "normals" / "albedo.exr")
     assert albedo.shape == (*mask.shape, 3)
@@ -60,8 +59,7 @@ def test_photographs_in_colour_give_coloured_results(sgp, photographs, tmp_path)
         assert Path(outputs[name]).is_file()
     assert parameters(out / "surface" / "surface.json")["height_png"]["unit"] == "px"
     # A new run with fewer formats removes the files of the earlier one.
-    again = sgp("run", photographs, *lights, "--out", out, "--force")
-    assert again.code == 0, again.err
+    sgp("run", photographs, *lights, "--out", out, "--force").ok()
     left = {path.name for path in (out / "surface").iterdir()}
     assert not left & {"surface.glb", "surface.obj", "surface.mtl", "surface_albedo.png"}
 
@@ -71,8 +69,7 @@ def test_a_surface_takes_colours_from_a_file(sgp, photographs, tmp_path, name) -
     made, out = tmp_path / "made", tmp_path / "out"
     lights = ["--lights", tmp_path / "lights.json"]
     assert sgp("normals", photographs, *lights, "--out", made).code == 0
-    answer = sgp("surface", made, "--albedo", made / name, "--out", out)
-    assert answer.code == 0, answer.err
+    sgp("surface", made, "--albedo", made / name, "--out", out).ok()
     vertices = trimesh.load(out / "surface.ply").visual.vertex_colors[:, :3]
     picture = read_image(made / "albedo.png")[read_mask(out / "mask.png")]
     assert np.abs(vertices.astype(int) - picture).max() <= 1
@@ -88,14 +85,12 @@ def test_wrong_colours_of_a_surface_are_refused(sgp, photographs, tmp_path) -> N
         (tmp_path / "small.png", 4, "4 x 3 pixels, but the normals have 48 x 40"),
         (tmp_path / "none.png", 2, "no such file"),
     ):
-        answer = sgp("surface", made, "--albedo", path, "--out", out)
-        assert text in answer.error_line(code)
+        assert text in sgp("surface", made, "--albedo", path, "--out", out).error_line(code)
         assert not out.exists()
 
 
 def test_gray_images_have_a_gray_albedo(sgp, recording, tmp_path) -> None:
     out = tmp_path / "out"
-    answer = sgp("normals", recording, "--lights", tmp_path / "lights.json", "--out", out)
-    assert answer.code == 0, answer.err
+    sgp("normals", recording, "--lights", tmp_path / "lights.json", "--out", out).ok()
     assert read_image(out / "albedo.exr").ndim == 2
     assert read_image(out / "albedo.png").ndim == 2

@@ -1,7 +1,5 @@
 """The command for curvature, on the normals of a ball."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -19,9 +17,7 @@ def ball(tmp_path):
 
 def test_a_ball(sgp, ball, tmp_path):
     out = tmp_path / "out"
-    answer = sgp("curvature", ball, "--pixel-mm", "0.1", "--out", out, "--json")
-    assert answer.code == 0, answer.err
-    metrics = json.loads(answer.out)["metrics"]
+    metrics = sgp("curvature", ball, "--pixel-mm", "0.1", "--out", out, "--json").figures()
     assert metrics["unit"] == "mm"
     assert metrics["pixels"] == 41 * 35
     assert metrics["scale"] == pytest.approx(0.2)
@@ -48,8 +44,7 @@ def test_a_mask_and_pixels(sgp, ball, tmp_path):
     mask[5:30, 5:30] = True
     write_mask(tmp_path / "part.png", mask)
     words = ("curvature", ball, "--mask", tmp_path / "part.png", "--scale", "1.5")
-    answer = sgp(*words, "--out", tmp_path / "out")
-    assert answer.code == 0, answer.err
+    answer = sgp(*words, "--out", tmp_path / "out").ok()
     assert "1/px" in answer.out
     assert "625 of 625 pixels" in answer.out
 

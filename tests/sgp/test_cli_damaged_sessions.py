@@ -20,8 +20,7 @@ def test_an_interrupted_compaction_is_reported(sgp, rig, plan, tmp_path):
     (out / "COMPLETE").rename(out / "derived" / "COMPLETE")
     message = "a compaction was interrupted: compact the session again"
     answer = sgp("capture", "verify", out)
-    assert answer.code == 4
-    assert message in answer.err
+    assert (answer.code, message in answer.err) == (4, True)
     assert message in sgp("capture", "info", out).err
     assert sgp("capture", "compact", out).code == 0
     assert message not in sgp("capture", "verify", out).err
@@ -68,8 +67,7 @@ def test_resume_names_damage_and_retakes_it_when_asked(sgp, rig, with_flats, tmp
     answer = sgp(*words, "--retake-damaged", "--dry-run", "--json")
     assert (answer.code, json.loads(answer.out)["metrics"]["shots"]) == (0, 2)
     assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
-    answer = sgp(*words, "--retake-damaged", "--json")
-    assert answer.code == 0
+    answer = sgp(*words, "--retake-damaged", "--json").ok()
     report = json.loads(answer.out)["metrics"]
     assert report["complete"]
     assert report["set_aside"] == ["frames/L01_E0.tif", "frames/L02_E0.tif"]

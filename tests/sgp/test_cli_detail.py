@@ -45,8 +45,9 @@ def record(folder, name="normals.json"):
 
 def test_a_transfer_writes_maps_errors_and_the_source_window(sgp, maps):
     out = maps / "out"
-    answer = sgp("detail", "transfer", maps / "source", maps / "target", "--out", out, "--profile")
-    assert answer.code == 0, answer.err
+    answer = sgp(
+        "detail", "transfer", maps / "source", maps / "target", "--out", out, "--profile"
+    ).ok()
     assert "50 x 40 pixels of the source from 0,0, tiled 2 x 2 times" in answer.out
     made = record(out)
     for file in ("shape_error.exr", "detail_error.exr", "errors.png", "height_profile.png"):
@@ -62,8 +63,7 @@ def test_a_transfer_writes_maps_errors_and_the_source_window(sgp, maps):
 
 def test_the_height_profile_data_agree_with_the_figures(sgp, maps):
     out = maps / "out"
-    answer = sgp("detail", "transfer", maps / "source", maps / "target", "--out", out, "--profile")
-    assert answer.code == 0, answer.err
+    sgp("detail", "transfer", maps / "source", maps / "target", "--out", out, "--profile").ok()
     metrics = record(out)["metrics"]
     assert record(out)["outputs"]["height_profile_data"] == "height_profile.csv"
     lines = (out / "height_profile.csv").read_text(encoding="utf-8").splitlines()
@@ -79,11 +79,10 @@ def test_the_height_profile_data_agree_with_the_figures(sgp, maps):
 
 def test_a_part_is_transferred_and_the_rest_stays(sgp, maps):
     out = maps / "out"
-    answer = sgp(
+    sgp(
         *("detail", "transfer", maps / "source", maps / "target", "--out", out),
         *("--source-mask", maps / "part.png", "--at", "35,30", "--rotate-deg", "30", "--mirror"),
-    )
-    assert answer.code == 0, answer.err
+    ).ok()
     made = record(out)
     assert made["parameters"]["rotate_deg"] == 30
     assert made["metrics"]["seam_ratio"] > 0
@@ -101,16 +100,14 @@ def test_the_scale_makes_the_part_larger(sgp, maps):
         answer = sgp(
             *("detail", "transfer", maps / "source", maps / "target", "--out", maps / scale),
             *("--source-mask", maps / "part.png", "--at", "35,30", "--scale", scale, "--json"),
-        )
-        assert answer.code == 0, answer.err
+        ).ok()
         sizes.append(json.loads(answer.out)["metrics"]["pixels"])
     assert sizes[1] / sizes[0] == pytest.approx(1.5**2, rel=0.05)
 
 
 def test_properties_of_one_map_and_with_targets(sgp, maps):
     out = maps / "one"
-    answer = sgp("detail", "properties", maps / "source", "--out", out)
-    assert answer.code == 0, answer.err
+    sgp("detail", "properties", maps / "source", "--out", out).ok()
     metrics = record(out, "properties.json")["metrics"]
     assert set(metrics["idempotence"]) == {"2", "3", "4"}
     assert metrics["rotation_similarity"]["norm_2"] > 0
@@ -123,8 +120,7 @@ def test_properties_of_one_map_and_with_targets(sgp, maps):
 
     out = maps / "several"
     targets = (maps / "target", maps / "source")
-    answer = sgp("detail", "properties", maps / "source", *targets, "--out", out)
-    assert answer.code == 0, answer.err
+    sgp("detail", "properties", maps / "source", *targets, "--out", out).ok()
     metrics = record(out, "properties.json")["metrics"]
     assert [step["target"] for step in metrics["chain"]] == [
         str(path) for path in (*targets, targets[0])
@@ -173,19 +169,15 @@ def test_bad_transfers_get_one_line(sgp, maps, monkeypatch, spoil, words, code, 
     monkeypatch.chdir(maps)
     if spoil is not None:
         spoil(maps)
-    answer = sgp("detail", "transfer", "source", "target", "--out", "out", *words)
-    assert answer.code == code, answer.err
-    assert text in answer.err
-    assert answer.err.startswith("error: ")
-    assert answer.err.count("\n") == 1
+    words = ("detail", "transfer", "source", "target", "--out", "out", *words)
+    assert text in sgp(*words).error_line(code)
     assert not (maps / "out").exists()
 
 
 def test_maps_of_different_size_do_not_combine(sgp, maps):
-    answer = sgp("detail", "combine", maps / "target", maps / "source", "--out", maps / "out")
-    assert answer.code == 4
-    assert "must have the same size" in answer.err
-    assert answer.err.count("\n") == 1
+    assert "must have the same size" in sgp(
+        "detail", "combine", maps / "target", maps / "source", "--out", maps / "out"
+    ).error_line(4)
 
 
 @pytest.mark.parametrize("erased", ["black", "alpha"])
@@ -195,12 +187,10 @@ def test_pixels_that_an_edited_detail_lost_are_reported(sgp, maps, erased):
     pixels = cv2.imread(str(maps / "parts" / "detail.png"), cv2.IMREAD_UNCHANGED)
     pixels[20:30, 30:40, 3 if erased == "alpha" else slice(3)] = 0
     cv2.imwrite(str(maps / "edited.png"), pixels)
-    answer = sgp(
+    report = sgp(
         *("detail", "combine", maps / "parts" / "shape.exr", maps / "edited.png"),
         *("--out", maps / "back", "--json"),
-    )
-    assert answer.code == 0, answer.err
-    report = json.loads(answer.out)
+    ).report()
     assert report["metrics"]["pixels"] == ball().mask.sum() - 100
     lost = "edited.png: 100 pixels of the shape have no detail and are masked out"
     assert [line for line in report["warnings"] if line.endswith(lost)]
@@ -213,8 +203,7 @@ def test_a_map_with_an_alpha_channel_is_read_without_it(sgp, maps):
     found = read_normals(maps / "alpha.png").normal_map
     given = read_normals(maps / "source").normal_map
     assert angle_deg(found.normals, given.normals).max() < 0.01
-    answer = sgp("detail", "transfer", maps / "alpha.png", maps / "target", "--out", maps / "out")
-    assert answer.code == 0, answer.err
+    sgp("detail", "transfer", maps / "alpha.png", maps / "target", "--out", maps / "out").ok()
 
 
 @pytest.mark.parametrize("command", ["separate", "transfer", "properties", "combine", "compare"])
@@ -230,8 +219,7 @@ def test_alpha_is_reported_by_every_command_that_reads_maps(sgp, maps, command):
         "compare": ["compare", "cut.png", "source"],
     }[command]
     paths = [maps / word if (maps / word).exists() else word for word in words]
-    answer = sgp(*paths, "--out", maps / "out", "--json")
-    assert answer.code == 0, answer.err
+    answer = sgp(*paths, "--out", maps / "out", "--json").ok()
     notes = [line for line in json.loads(answer.out)["warnings"] if "alpha channel" in line]
     (note,) = notes
     assert f"is the mask, {np.count_nonzero(alpha)} of 2000 pixels" in note
@@ -240,12 +228,10 @@ def test_alpha_is_reported_by_every_command_that_reads_maps(sgp, maps, command):
 @pytest.mark.parametrize("where", ["target", "target/below"])
 def test_results_never_go_into_one_of_several_targets(sgp, maps, where):
     before = sorted(path.name for path in (maps / "target").iterdir())
-    answer = sgp(
+    assert "is in the folder of the input" in sgp(
         *("detail", "properties", maps / "source", maps / "target"),
         *("--out", maps / where, "--force"),
-    )
-    assert answer.code == 2
-    assert "is in the folder of the input" in answer.err
+    ).error_line(2)
     assert sorted(path.name for path in (maps / "target").iterdir()) == before
 
 
@@ -262,7 +248,6 @@ def test_maps_that_do_not_overlap_are_not_compared(sgp, maps):
         mask[part] = True
         (maps / name).mkdir()
         write_normals(maps / name, NormalMap(np.where(mask[..., None], whole.normals, 0), mask))
-    answer = sgp("compare", maps / "left", maps / "right")
-    assert answer.code == 4
-    assert answer.err.count("\n") == 1
-    assert "their masks do not overlap: there is nothing to compare" in answer.err
+    assert "their masks do not overlap: there is nothing to compare" in sgp(
+        "compare", maps / "left", maps / "right"
+    ).error_line(4)

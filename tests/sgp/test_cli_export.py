@@ -21,8 +21,7 @@ def result(sgp, recording, tmp_path, monkeypatch):
 
 
 def exported(sgp, *words):
-    answer = sgp("export", "result", *words, "--json")
-    assert answer.code == 0, answer.err
+    answer = sgp("export", "result", *words, "--json").ok()
     return json.loads(answer.out)
 
 
@@ -45,8 +44,7 @@ def test_images_of_a_recording(sgp, result, tmp_path):
     # Under a recorded light, the image is that frame; the ball is brighter at its upper end.
     seen = read_ptm("rti/relight.ptm").relit([0, 1, 1.5])[..., 1]
     assert seen[8, 23] > 2 * seen[31, 23]
-    answer = sgp("relight", "rti/relight.ptm", "--light", "0,2,3", "--out", "up.png")
-    assert answer.code == 0, answer.err
+    answer = sgp("relight", "rti/relight.ptm", "--light", "0,2,3", "--out", "up.png").ok()
     assert "48 x 40 pixels, LRGB, light from (0.00, 0.55, 0.83)" in answer.out
     picture = read_image("up.png")
     np.testing.assert_allclose(picture[..., 1], np.clip(255 * seen, 0, 255), atol=0.51)
@@ -73,9 +71,7 @@ def test_images_that_are_gone_or_have_changed(sgp, result, tmp_path):
     assert line.startswith("error: ball/ball.3.png: has changed since result was computed")
     assert not (tmp_path / "rti").exists()
     shutil.rmtree(tmp_path / "ball")
-    answer = sgp("export", "result", "--out", "rti", "--json")
-    assert answer.code == 0
-    said = json.loads(answer.out)
+    said = sgp("export", "result", "--out", "rti", "--json").report()
     assert said["metrics"]["fitted_to"] == "normals"
     assert [notice["code"] for notice in said["notices"]] == ["relit-from-normals"]
     seen = read_ptm("rti/relight.ptm").relit([0, 1, 1.5])[..., 1]

@@ -161,13 +161,15 @@ def test_a_faulty_bench_gets_one_line(bench, sgp, spoil, words, message, monkeyp
     assert not (bench.file.parent / "frame.tif").exists()
 
 
-def test_a_board_of_24_leds_for_a_rig_of_36(tmp_path, sgp):
-    bench = Bench(tmp_path, leds=24)
-    try:
-        line = sgp("rig", "check", "--rig", bench.rig).error_line(3)
+@pytest.mark.parametrize(
+    ("words", "options"), [(["check"], {}), (["light", 5], {"cti": "/nowhere/maker.cti"})]
+)
+def test_a_board_of_24_leds_for_a_rig_of_36(tmp_path, sgp, words, options):
+    with contextlib.closing(Bench(tmp_path, leds=24)) as bench:
+        bench.options |= options
+        line = sgp("rig", *words, "--rig", bench.rig).error_line(3)
         assert "has 24 LEDs, but rig bench 1 is configured with 36" in line
-    finally:
-        bench.close()
+        Board(bench.board.port).close()
 
 
 def test_no_board_at_any_port(bench, sgp, monkeypatch):

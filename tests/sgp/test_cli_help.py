@@ -29,8 +29,7 @@ def page(sgp, monkeypatch):
 
     def show(*words, width=80):
         monkeypatch.setenv("COLUMNS", str(width))
-        answer = sgp(*words, "--help")
-        assert answer.code == 0, answer.err
+        answer = sgp(*words, "--help").ok()
         return answer.out
 
     return show

@@ -50,8 +50,7 @@ def folder(tmp_path: Path) -> Path:
 
 def test_a_correct_recording(sgp: Callable, folder: Path) -> None:
     before = sorted(folder.parent.rglob("*"))
-    answer = sgp("inspect", folder, "--lights", folder.parent / "lights.json")
-    assert answer.code == 0
+    answer = sgp("inspect", folder, "--lights", folder.parent / "lights.json").ok()
     lines = answer.out.splitlines()
     assert lines[0].startswith("10 images, distant lights, ")
     assert lines[-1] == "no disagreement found"
@@ -64,15 +63,12 @@ def test_a_correct_recording(sgp: Callable, folder: Path) -> None:
 def test_too_little_data_is_not_called_agreement(sgp: Callable, folder: Path) -> None:
     # Fewer than 8 images, and too few pixels for the curl.
     part = ("--exclude", "0-3", "--downscale", "4")
-    answer = sgp("inspect", folder, "--lights", folder.parent / "lights.json", *part)
-    assert answer.code == 0
+    answer = sgp("inspect", folder, "--lights", folder.parent / "lights.json", *part).ok()
     assert answer.out.splitlines()[-1].startswith("too little data: ")
 
 
 def test_shuffled_lights_are_named_and_the_exit_code_stays(sgp: Callable, folder: Path) -> None:
-    answer = sgp("inspect", folder, "--lights", folder.parent / "shuffled.json", "--json")
-    assert answer.code == 0
-    printed = json.loads(answer.out)
+    printed = sgp("inspect", folder, "--lights", folder.parent / "shuffled.json", "--json").report()
     assert printed["ok"]
     assert printed["outputs"] == {}
     assert "lights-shuffled" in [notice["code"] for notice in printed["notices"]]
@@ -87,8 +83,7 @@ def test_the_commands_that_write_show_the_same(sgp: Callable, folder: Path, comm
     words = ("--lights", folder.parent / "lights.json")
     inspected = sgp("inspect", folder, *words).out.splitlines()
     out = folder.parent / "out"
-    answer = sgp(command, folder, *words, "--out", out)
-    assert answer.code == 0, answer.err
+    answer = sgp(command, folder, *words, "--out", out).ok()
     for line in inspected[1:-1]:
         assert line in answer.out
     figures = read_record(
@@ -113,10 +108,8 @@ def test_a_surface_of_mirrored_normals_is_reported(sgp: Callable, tmp_path: Path
     normals, mask = bumps()
     write_normals(tmp_path / "n", NormalMap.from_vectors(normals, mask))
     png = tmp_path / "n" / "normals.png"
-    right = sgp("surface", png, "--out", tmp_path / "right")
-    assert "surface" not in right.err
-    wrong = sgp("surface", png, "--green", "down", "--out", tmp_path / "wrong")
-    assert wrong.code == 0
+    assert "surface" not in sgp("surface", png, "--out", tmp_path / "right").err
+    wrong = sgp("surface", png, "--green", "down", "--out", tmp_path / "wrong").ok()
     assert "not those of a surface" in wrong.err
     metrics = read_record(tmp_path / "wrong" / "surface.json").metrics
     assert metrics["disagreement_deg"] > 1

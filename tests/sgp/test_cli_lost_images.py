@@ -47,8 +47,7 @@ def white(image):
 )
 def test_excluded_images_have_no_lights(sgp, recording, tmp_path, exclude, gone):
     out = tmp_path / "l.json"
-    answer = sgp("calibrate", "spheres", recording, "--exclude", exclude, "--out", out)
-    assert answer.code == 0, answer.err
+    sgp("calibrate", "spheres", recording, "--exclude", exclude, "--out", out).ok()
     kept = [k for k in range(8) if str(k) not in gone]
     for path in (out, out.with_suffix(".lp")):
         lights = read_lights(path)
@@ -69,8 +68,7 @@ def test_excluded_images_have_no_lights(sgp, recording, tmp_path, exclude, gone)
 )
 def test_wrong_names_are_refused(sgp, recording, tmp_path, exclude, code, says):
     words = ("calibrate", "spheres", recording, "--exclude", exclude)
-    answer = sgp(*words, "--out", tmp_path / "l.json")
-    assert says in answer.error_line(code)
+    assert says in sgp(*words, "--out", tmp_path / "l.json").error_line(code)
 
 
 @pytest.mark.slow
@@ -78,8 +76,7 @@ def test_images_are_left_out_of_all_recordings(sgp, recording, tmp_path):
     words = ("calibrate", "spheres", recording, recording.parent / "other", "--exclude", "L03")
     (tmp_path / "other").mkdir()
     write_recording(tmp_path / "other")
-    answer = sgp(*words, "--out", tmp_path / "l.json")
-    assert answer.code == 0, answer.err
+    sgp(*words, "--out", tmp_path / "l.json").ok()
     assert read_lights(tmp_path / "l.json").ids == EVERY[:3] + EVERY[4:]
 
 
@@ -96,8 +93,7 @@ def test_an_image_that_does_not_count_costs_its_light_only(
 ):
     change(recording, "L03", edit)
     out = tmp_path / "l.json"
-    answer = sgp("calibrate", "spheres", recording, "--out", out, "--json")
-    assert answer.code == 0, answer.err
+    answer = sgp("calibrate", "spheres", recording, "--out", out, "--json").ok()
     texts = {one["code"]: one["text"] for one in json.loads(answer.out)["notices"]}
     assert texts[code].startswith(says)
     own = tmp_path / "own.json"
@@ -120,8 +116,7 @@ def test_the_refusal_says_what_to_exclude_and_that_helps(sgp, recording, tmp_pat
     line = answer.error_line(5)
     assert "to calibrate the other lights, add --exclude L03,L06" in line
     assert "--sphere" not in line.replace("spheres", "")
-    again = sgp(*words, "--exclude", "L03,L06", "--out", out)
-    assert again.code == 0, again.err
+    sgp(*words, "--exclude", "L03,L06", "--out", out).ok()
     lights = read_lights(out if command == "calibrate" else out / "lights.json")
     kept = [0, 1, 2, 4, 5, 7]
     assert lights.ids == tuple(EVERY[k] for k in kept)
@@ -146,8 +141,7 @@ def test_no_mark_is_proposed_if_images_are_blank(sgp, recording, tmp_path):
     for name in ("L03", "L06"):
         change(recording, name, black)
     answer = sgp("calibrate", "spheres", recording, "--out", tmp_path / "l.json")
-    line = answer.error_line(5)
-    assert line.endswith("to calibrate the other lights, add --exclude L03,L06")
+    assert answer.error_line(5).endswith("to calibrate the other lights, add --exclude L03,L06")
     assert not (tmp_path / "l-candidates.png").exists()
 
 

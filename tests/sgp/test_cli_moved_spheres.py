@@ -31,9 +31,7 @@ def test_two_recordings_give_one_calibration(sgp, two, tmp_path):
             write_png(path, np.rint(255 * np.clip(masks(k)[ball], 0, 1)).astype(np.uint8))
             given += ["--mask", f"{k + 1}:{path}"]
     options = ("--radius-mm", 20, "--radius-mm", 16, *given, "--out", found, "--json")
-    answer = sgp(*words(two, *options))
-    assert answer.code == 0, answer.err
-    figures = json.loads(answer.out)["metrics"]["spheres"]
+    figures = sgp(*words(two, *options)).figures()["spheres"]
     assert [figure["recording"] for figure in figures] == [str(two[0])] * 2 + [str(two[1])] * 2
     lights = read_lights(found)
     truth = rendered(0).truth.lights.positions_mm
@@ -82,6 +80,5 @@ def test_a_circle_belongs_to_the_recording_with_its_number():
     ],
 )
 def test_a_mark_without_a_recording_is_refused(sgp, two, tmp_path, options, says):
-    answer = sgp(*words(two, *options, "--out", tmp_path / "l.json"))
-    assert says in answer.error_line(2)
+    assert says in sgp(*words(two, *options, "--out", tmp_path / "l.json")).error_line(2)
     assert not (tmp_path / "l.json").exists()

@@ -109,18 +109,16 @@ def known():
 @pytest.mark.slow
 def test_a_telecentric_lens_needs_the_size_of_a_pixel_only(sgp, folder, tmp_path, known):
     out = tmp_path / "out"
-    answer = sgp(*words(folder, "run"), "--pixel-mm", PIXEL_MM, "--out", out, "--json")
-    assert answer.code == 0, answer.err
+    answer = sgp(*words(folder, "run"), "--pixel-mm", PIXEL_MM, "--out", out, "--json").ok()
     figures = json.loads(answer.out)["metrics"]["normals"]
     assert figures["mean_height_mm"] == pytest.approx(MEAN, abs=0.5)
     height = read_image(out / "surface" / "height.exr")
     assert np.abs(height - HEIGHT)[known].max() < 0.8
     # A part of the images at half of the resolution is at the same place.
-    part = sgp(
+    sgp(
         *words(folder, "normals"), "--pixel-mm", PIXEL_MM, "--crop", "4,6,42,36", "--downscale", 2,
         "--out", tmp_path / "part", "--json",
-    )  # fmt: skip
-    assert part.code == 0, part.err
+    ).ok()  # fmt: skip
     whole = read_normals(out / "normals").normal_map.normals
     reduced = read_normals(tmp_path / "part").normal_map
     blocks = whole[6:42, 4:46].reshape(18, 2, 21, 2, 3).mean(axis=(1, 3))
@@ -135,8 +133,7 @@ def test_strengths_of_near_lights_are_found_with_the_height(sgp, folder, tmp_pat
     found = sgp(
         "normals", folder / "images", "--lights", tmp_path / "wrong.json", "--pixel-mm", PIXEL_MM,
         "--semi-calibrated", "--out", tmp_path / "out", "--json",
-    )  # fmt: skip
-    assert found.code == 0, found.err
+    ).ok()  # fmt: skip
     assert json.loads(found.out)["metrics"]["mean_height_mm"] == pytest.approx(MEAN, abs=5)
     strengths = read_lights(tmp_path / "out" / "lights.json").intensities
     assert np.std(np.log(strengths[:, 0] / given.intensities[:, 0])) < 0.03

@@ -54,9 +54,9 @@ def test_force_removes_files_that_only_the_earlier_result_had(sgp, words, tmp_pa
 
 @pytest.mark.parametrize("where", ["ball", "ball/results", "ball/../ball"])
 def test_results_never_go_into_the_source(sgp, words, recording, where):
-    answer = sgp(*words, "--out", recording.parent / where, "--force")
-    assert answer.code == 2
-    assert "is in the folder of the input" in answer.err
+    assert "is in the folder of the input" in sgp(
+        *words, "--out", recording.parent / where, "--force"
+    ).error_line(2)
     assert not (recording / "mask.png").exists()
 
 
@@ -89,6 +89,7 @@ def test_notes_of_an_error_are_printed(monkeypatch, capsys):
         pytest.param(["demo", "--seed", "-1"], id="seed"),
         pytest.param(["capture", "plan", "--led-count", "0"], id="leds"),
         pytest.param(["rig", "snap", "--rig", "simulated", "--out", "frame.png"], id="suffix"),
+        pytest.param(["rig", "snap", "--rig", "simulated", "--out", "."], id="a folder"),
         pytest.param(["calibrate", "spheres", "x", "--out", "lights.lp"], id="lights suffix"),
         pytest.param(["detail", "transfer", "x", "y", "--out", "o", "--at", "5"], id="place"),
     ],
@@ -100,9 +101,9 @@ def test_options_out_of_range_are_usage_errors(sgp, tmp_path, monkeypatch, optio
 
 def test_calibrate_spheres_replaces_none_of_its_three_files(sgp, tmp_path):
     (tmp_path / "lights.lp").write_text("mine", encoding="utf-8")
-    answer = sgp("calibrate", "spheres", tmp_path, "--out", tmp_path / "lights.json")
-    assert answer.code == 2
-    assert "lights.lp" in answer.err
+    assert "lights.lp" in sgp(
+        "calibrate", "spheres", tmp_path, "--out", tmp_path / "lights.json"
+    ).error_line(2)
     assert (tmp_path / "lights.lp").read_text(encoding="utf-8") == "mine"
 
 
@@ -117,9 +118,7 @@ def test_simplified_and_closed_meshes_are_reported(sgp, tmp_path):
     dome = NormalMap.from_vectors(np.dstack([x, y, 0 * x + 1.5]))
     write_exr(normals.with_suffix(".exr"), dome.normals)
     words = ["surface", normals.with_suffix(".exr"), "--out", out, "--pixel-mm", "0.5"]
-    answer = sgp(*words, "--triangles", "700", "--base", "3", "--json")
-    assert answer.code == 0, answer.err
-    metrics = json.loads(answer.out)["metrics"]
+    metrics = sgp(*words, "--triangles", "700", "--base", "3", "--json").figures()
     assert 600 < metrics["triangles"] <= 700
     assert 0 < metrics["deviation_rms"] < metrics["deviation_largest"] < 0.1
     solid = trimesh.load(out / "solid.stl")

@@ -34,8 +34,7 @@ def test_parts_of_a_recording_keep_their_lights(sgp, given, tmp_path) -> None:
         "2",
     ]
     scale = ["--pixel-mm", "0.5"]
-    answer = sgp("run", *given, *options, *scale, "--out", tmp_path / "out")
-    assert answer.code == 0, answer.err
+    sgp("run", *given, *options, *scale, "--out", tmp_path / "out").ok()
     summary = record(tmp_path / "out" / "summary.json")
     assert summary["metrics"]["normals"]["images"] == 5
     assert summary["parameters"]["exclude"] == ["ball.7", "0-1"]
@@ -53,8 +52,7 @@ def test_parts_of_a_recording_keep_their_lights(sgp, given, tmp_path) -> None:
     assert error.max() < 1.0
     # The mesh is in mm of the object, whatever the resolution: two pixels of the recording apart.
     height = read_image(folder / "surface" / "height.exr")
-    full = sgp("run", *given, *scale, "--out", tmp_path / "full")
-    assert full.code == 0, full.err
+    sgp("run", *given, *scale, "--out", tmp_path / "full").ok()
     first = np.ptp(height[np.isfinite(height)])
     second = read_image(tmp_path / "full" / "surface" / "height.exr")
     assert first == pytest.approx(np.ptp(second[np.isfinite(second)]), rel=0.35)
@@ -82,6 +80,5 @@ def test_parts_of_a_recording_keep_their_lights(sgp, given, tmp_path) -> None:
 def test_wrong_parts_are_refused_before_anything_is_written(
     sgp, given, tmp_path, options, code, text
 ) -> None:
-    answer = sgp("normals", *given, *options, "--out", tmp_path / "out")
-    assert text in answer.error_line(code)
+    assert text in sgp("normals", *given, *options, "--out", tmp_path / "out").error_line(code)
     assert not (tmp_path / "out").exists()

@@ -42,8 +42,7 @@ def words(folder):
 
 
 def test_the_image_that_disagrees_is_left_out_and_recorded(sgp, words, tmp_path):
-    answer = sgp(*words, "--exclude", "auto", "--out", tmp_path / "out")
-    assert answer.code == 0, answer.err
+    answer = sgp(*words, "--exclude", "auto", "--out", tmp_path / "out").ok()
     assert "ball.4 (1.30 times as bright as expected)" in " ".join(answer.err.split())
     record = json.loads((tmp_path / "out" / "normals.json").read_text(encoding="utf-8"))
     assert record["metrics"]["excluded"] == ["ball.4"]
@@ -53,17 +52,13 @@ def test_the_image_that_disagrees_is_left_out_and_recorded(sgp, words, tmp_path)
 
 
 def test_named_and_disagreeing_images_are_left_out_together(sgp, words, tmp_path):
-    answer = sgp(*words, "--exclude", "auto,ball.0", "--out", tmp_path / "out", "--json")
-    assert answer.code == 0, answer.err
-    metrics = json.loads(answer.out)["metrics"]
+    metrics = sgp(*words, "--exclude", "auto,ball.0", "--out", tmp_path / "out", "--json").figures()
     assert metrics["excluded"] == ["ball.4"]
     assert metrics["images"] == COUNT - 2
 
 
 def test_estimated_strengths_are_written_and_can_be_used_again(sgp, words, folder, tmp_path):
-    answer = sgp(*words, "--semi-calibrated", "--out", tmp_path / "out", "--json")
-    assert answer.code == 0, answer.err
-    report = json.loads(answer.out)
+    report = sgp(*words, "--semi-calibrated", "--out", tmp_path / "out", "--json").report()
     assert report["warnings"] == []
     found = read_lights(tmp_path / "out" / "lights.json")
     others = np.delete(found.intensities[:, 0], 4).mean()
@@ -92,11 +87,10 @@ def test_distant_strengths_are_written_with_the_positions(sgp, folder, tmp_path)
     given = read_lights(folder / "lights.json")
     near = Lights(positions_mm=9000 * given.unit_directions, mu=np.ones(COUNT), ids=given.ids)
     write_lights(tmp_path / "near.json", near)
-    answer = sgp(
+    sgp(
         "normals", folder / "images", "--lights", tmp_path / "near.json", "--method", "ls",
         "--distant", "--semi-calibrated", "--out", tmp_path / "out",
-    )  # fmt: skip
-    assert answer.code == 0, answer.err
+    ).ok()  # fmt: skip
     found = read_lights(tmp_path / "out" / "lights.json")
     np.testing.assert_allclose(found.positions_mm, near.positions_mm)
     others = np.delete(found.intensities[:, 0], 4).mean()

@@ -76,8 +76,7 @@ def test_normals_warn_about_lights_of_another_setup(sgp, spheres, lights, tmp_pa
         file["calibrated"][change[0]] = change[1]
     (tmp_path / "l.json").write_text(json.dumps(file))
     words = ("normals", spheres, "--lights", tmp_path / "l.json", "--out", tmp_path / "n")
-    answer = sgp(*words, "--method", "ls", "--downscale", 4, "--json")
-    assert answer.code == 0, answer.err
+    answer = sgp(*words, "--method", "ls", "--downscale", 4, "--json").ok()
     codes = [notice["code"] for notice in json.loads(answer.out)["notices"]]
     expected = [] if code is None else [code]
     assert [one for one in codes if one.startswith("lights-of-another")] == expected
@@ -89,9 +88,7 @@ def test_lights_that_contradict_the_configured_rig_file_are_named(
 ):
     monkeypatch.setenv("SGP_RIG", str(rig_file(tmp_path / "rig.toml", spheres, (2, 5))))
     words = ("calibrate", "spheres", spheres, "--radius-mm", 20, "--out", tmp_path / "l.json")
-    answer = sgp(*words)
-    assert answer.code == 0
-    assert "note: rig simulated: LED 2 and 5 are swapped" in " ".join(answer.err.split())
+    assert "note: rig simulated: LED 2 and 5 are swapped" in " ".join(sgp(*words).ok().err.split())
 
 
 def test_which_rig_file_counts(spheres, lights, tmp_path, monkeypatch):
@@ -145,6 +142,5 @@ def test_the_rig_file_decides_that_the_radius_is_wrong(sgp, spheres, tmp_path):
 def test_a_rig_without_positions_is_refused_before_reading(sgp, spheres, tmp_path):
     (tmp_path / "bare.toml").write_text('name = "bare"\ndriver = "bench"\n')
     words = ("calibrate", "spheres", spheres, "--out", tmp_path / "l.json")
-    line = sgp(*words, "--rig", tmp_path / "bare.toml").error_line(2)
-    assert "has no led_positions_mm" in line
+    assert "has no led_positions_mm" in sgp(*words, "--rig", tmp_path / "bare.toml").error_line(2)
     assert "none.toml" in sgp(*words, "--rig", tmp_path / "none.toml").error_line(2)

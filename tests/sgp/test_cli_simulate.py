@@ -42,9 +42,7 @@ def distant(tmp_path: Path) -> Path:
 def test_a_session_is_recorded_and_compared_with_its_ground_truth(sgp, tmp_path):
     out = tmp_path / "coin"
     # In so few pixels, the blur of a real lens would hide the relief.
-    answer = sgp("simulate", "coin", "--out", out, *SMALL, "--sharp", "--json")
-    assert answer.code == 0, answer.err
-    report = json.loads(answer.out)
+    report = sgp("simulate", "coin", "--out", out, *SMALL, "--sharp", "--json").report()
     assert report["outputs"]["session"] == str(out)
     assert (report["metrics"]["width"], report["metrics"]["height"]) == (96, 80)
     assert sgp("capture", "verify", out).code == 0
@@ -118,8 +116,7 @@ def test_a_scene_file_and_the_saved_scene_give_the_same_frames(sgp, distant, tmp
 
 def test_diligent_layout(sgp, distant, tmp_path):
     out = tmp_path / "cap"
-    answer = sgp("simulate", distant, "--out", out, "--format", "diligent", "--no-noise")
-    assert answer.code == 0, answer.err
+    sgp("simulate", distant, "--out", out, "--format", "diligent", "--no-noise").ok()
     source = read_source(out)
     assert source.kind == "diligent"
     assert len(source.frames) == 6
@@ -152,15 +149,13 @@ def test_diligent_layout(sgp, distant, tmp_path):
 
 def test_diligent_layout_of_near_lights_warns_of_the_loss(sgp, tmp_path):
     out = tmp_path / "coin"
-    answer = sgp("simulate", "coin-with-spheres", "--out", out, *SMALL, "--format", "diligent")
-    assert answer.code == 0
+    answer = sgp("simulate", "coin-with-spheres", "--out", out, *SMALL, "--format", "diligent").ok()
     assert "positions" in answer.err
     assert len(read_source(out).frames) == 8, "one image per light, for any number of brackets"
 
 
 def test_list_names_every_scene(sgp):
-    answer = sgp("simulate", "list")
-    assert answer.code == 0
+    answer = sgp("simulate", "list").ok()
     lines = [line.split()[0] for line in answer.out.splitlines() if line.strip()]
     assert lines == list(SCENES)
 
@@ -239,8 +234,7 @@ def test_metering_uses_the_quantum_efficiency():
 def test_dead_leds_of_a_scene_are_skipped(sgp, tmp_path):
     scene = tmp_path / "dead.toml"
     scene.write_text(DISTANT + "[lamps]\ndead = [3]\n", encoding="utf-8")
-    answer = sgp("simulate", scene, "--out", tmp_path / "s")
-    assert answer.code == 0, answer.err
+    answer = sgp("simulate", scene, "--out", tmp_path / "s").ok()
     assert "LED 3 skipped: dead in the scene" in answer.err
     session = Session.open(tmp_path / "s")
     assert session.complete
@@ -253,8 +247,7 @@ def test_dead_leds_of_a_scene_are_skipped(sgp, tmp_path):
 
 def test_a_bracket_too_short_for_the_object_does_not_stop_a_recording(sgp, distant, tmp_path):
     words = ("--exposure-us", "20000", "--exposure-us", "10")
-    answer = sgp("simulate", distant, "--out", tmp_path / "s", *words)
-    assert answer.code == 0, answer.err
+    sgp("simulate", distant, "--out", tmp_path / "s", *words).ok()
     assert Session.open(tmp_path / "s").complete
 
 

@@ -36,8 +36,7 @@ def angles_deg(a, b):
 
 def test_normals_with_the_lights_of_the_spheres(sgp, recording, tmp_path):
     out = tmp_path / "normals"
-    result = sgp("normals", recording, "--spheres", "--out", out)
-    assert result.code == 0, result.err
+    result = sgp("normals", recording, "--spheres", "--out", out).ok()
     assert "8 light directions from 2 spheres" in result.out
     lights = read_lights(out / "lights.json")
     assert angles_deg(lights.directions, directions()).max() < 0.4
@@ -58,8 +57,7 @@ def test_the_lights_are_those_of_calibrate(sgp, recording, tmp_path):
     """A region is cut after the calibration in complete images, without the excluded ones."""
     out = tmp_path / "result"
     words = ("--crop", "85,35,130,130", "--exclude", "L03")
-    result = sgp("run", recording, "--spheres", *words, "--out", out, "--json")
-    assert result.code == 0, result.err
+    result = sgp("run", recording, "--spheres", *words, "--out", out, "--json").ok()
     assert json.loads(result.out)["outputs"]["lights"] == str(out / "lights.json")
     own = tmp_path / "own.json"
     words = ("--exclude", "L03", "--out", own)
@@ -76,8 +74,7 @@ def test_the_page_has_the_notices_about_the_spheres(sgp, recording, tmp_path):
     shutil.copytree(recording, source)
     for path in source.iterdir():
         write_png(path, np.minimum(read_image(path).astype(int) * 2, 65535).astype(np.uint16))
-    result = sgp("run", source, "--spheres", "--out", out, "--json")
-    assert result.code == 0, result.err
+    result = sgp("run", source, "--spheres", "--out", out, "--json").ok()
     notices = [one["code"] for one in json.loads(result.out)["notices"]]
     assert "highlights-saturated" in notices
     page = (out / "report.html").read_text()
@@ -97,9 +94,7 @@ def test_the_page_has_the_notices_about_the_spheres(sgp, recording, tmp_path):
 def test_contradictions_are_refused(sgp, recording, tmp_path, command, words, text):
     words = [word.format(recording=recording) for word in words]
     out = () if command == "inspect" else ("--out", tmp_path / "out")
-    result = sgp(command, recording, *words, *out)
-    assert result.code == 2
-    assert text in result.err
+    assert text in sgp(command, recording, *words, *out).error_line(2)
     assert not (tmp_path / "out").exists()
 
 
@@ -112,9 +107,7 @@ def test_a_recording_without_spheres_is_refused_in_one_line(sgp, recording, tmp_
 
 @pytest.mark.slow
 def test_inspect_takes_the_lights_of_the_spheres(sgp, recording):
-    result = sgp("inspect", recording, "--spheres")
-    assert result.code == 0, result.err
-    assert "8 images, distant lights" in result.out
+    assert "8 images, distant lights" in sgp("inspect", recording, "--spheres").ok().out
 
 
 @pytest.mark.slow
@@ -123,8 +116,7 @@ def test_lights_that_contradict_the_rig_file_are_named(sgp, recording, tmp_path)
     rows[2], rows[5] = rows[5], rows[2]
     file = tmp_path / "rig.toml"
     file.write_text(f'name = "dome"\ndriver = "bench"\nleds = 8\nled_positions_mm = {rows}\n')
-    result = sgp("inspect", recording, "--spheres", "--rig", file, "--json")
-    assert result.code == 0, result.err
+    result = sgp("inspect", recording, "--spheres", "--rig", file, "--json").ok()
     notices = [(one["code"], one["where"]) for one in json.loads(result.out)["notices"]]
     assert ("lights-swapped", "rig dome") in notices
     out = tmp_path / "normals"
@@ -174,7 +166,6 @@ def test_normals_are_nearly_as_good_as_with_a_separate_calibration(sgp, tmp_path
         ("own", ("--spheres", "--radius-mm", 12)),
         ("separate", ("--lights", lights)),
     ):
-        answer = sgp("normals", coin, *words, "--out", tmp_path / name, "--json")
-        assert answer.code == 0, answer.err
+        answer = sgp("normals", coin, *words, "--out", tmp_path / name, "--json").ok()
         errors_deg.append(json.loads(answer.out)["metrics"]["mae_deg"])
     assert errors_deg[0] < 1.1 * errors_deg[1]

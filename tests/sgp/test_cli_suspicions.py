@@ -1,7 +1,5 @@
 """Valid files with suspicious contents: the commands report them."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -25,9 +23,7 @@ def words(recording):
 def test_a_black_image_is_left_out_and_named(sgp, words, recording, tmp_path):
     assert sgp(*words, "--method", "ls", "--out", tmp_path / "whole").code == 0
     write_png(recording / "ball.3.png", np.zeros((40, 48), np.uint16))
-    answer = sgp(*words, "--method", "ls", "--out", tmp_path / "dead", "--json")
-    assert answer.code == 0, answer.err
-    report = json.loads(answer.out)
+    report = sgp(*words, "--method", "ls", "--out", tmp_path / "dead", "--json").report()
     assert any("ball.3" in line and "show no light" in line for line in report["warnings"])
     assert report["metrics"]["images"] == 7
     whole = read_normals(tmp_path / "whole").normal_map
@@ -43,9 +39,7 @@ def test_a_negative_image_is_left_out_and_named(sgp, words, recording, tmp_path)
         image += np.random.default_rng(i).normal(0, 0.002, image.shape).astype(np.float32)
         (recording / f"ball.{i}.png").unlink()
         write_exr(recording / f"ball.{i}.exr", image if i != 3 else image * 0 - np.float32(0.1))
-    answer = sgp(*words, "--method", "ls", "--out", tmp_path / "out", "--json")
-    assert answer.code == 0, answer.err
-    report = json.loads(answer.out)
+    report = sgp(*words, "--method", "ls", "--out", tmp_path / "out", "--json").report()
     (line,) = [text for text in report["warnings"] if "left out" in text]
     assert "samples are negative" in line
     assert line.endswith(": ball.3")
@@ -56,9 +50,7 @@ def test_lights_behind_the_object_are_refused(sgp, words, recording, tmp_path):
     path = recording.parent / "lights.json"
     turned = np.asarray(read_lights(path).directions) * [1, 1, -1]
     write_lights(path, Lights(directions=turned))
-    answer = sgp(*words, "--out", tmp_path / "out")
-    assert answer.code == 5
-    assert "face away" in answer.err
+    assert "face away" in sgp(*words, "--out", tmp_path / "out").error_line(5)
     assert not (tmp_path / "out").exists()
 
 
@@ -66,28 +58,22 @@ def test_a_sphere_mask_that_is_not_a_disc_is_refused(sgp, recording, tmp_path):
     square = np.zeros((40, 48), np.uint8)
     square[10:14, 5:40] = 255
     write_png(tmp_path / "mask.png", square)
-    answer = sgp(
-        "calibrate", "spheres", recording, "--mask", tmp_path / "mask.png",
-        "--out", tmp_path / "found.json",
-    )  # fmt: skip
-    assert answer.code == 5
-    assert "not the disc of a sphere" in answer.err
+    words = ("calibrate", "spheres", recording, "--mask", tmp_path / "mask.png")
+    answer = sgp(*words, "--out", tmp_path / "found.json")
+    assert "not the disc of a sphere" in answer.error_line(5)
     assert not (tmp_path / "found.json").exists()
 
 
 def test_unused_files_are_reported(sgp, words, recording, tmp_path):
     (recording / "notes.txt").write_text("n", encoding="utf-8")
-    answer = sgp(*words, "--out", tmp_path / "out")
-    assert answer.code == 0
+    answer = sgp(*words, "--out", tmp_path / "out").ok()
     assert "not used: notes.txt" in answer.err
     assert "the images have no mask" in answer.err
 
 
 @pytest.mark.parametrize("number", ["1.5", "2e0", "two"])
 def test_a_fraction_is_not_rounded_to_a_whole_number(sgp, number):
-    answer = sgp("capture", "plan", "--led-count", number)
-    assert answer.code == 2
-    assert number in answer.err
+    assert number in sgp("capture", "plan", "--led-count", number).error_line(2)
 
 
 def test_an_exposure_the_camera_lacks_costs_no_folder(sgp, tmp_path):
@@ -99,6 +85,5 @@ def test_an_exposure_the_camera_lacks_costs_no_folder(sgp, tmp_path):
         encoding="utf-8",
     )
     answer = sgp("capture", "run", tmp_path / "s", "--plan", plan, "--rig", rig)
-    assert answer.code == 3
-    assert "10 to 1e+07 us" in answer.err
+    assert (answer.code, "10 to 1e+07 us" in answer.err) == (3, True)
     assert not (tmp_path / "s").exists()

@@ -145,8 +145,7 @@ def test_links_to_results_are_followed_once_and_hidden_files_ignored(verify, nor
 
 
 def test_what_has_no_record_is_refused(sgp, recording) -> None:
-    text = sgp("verify", recording).error_line(2)
-    assert "has no record of a result" in text
+    assert "has no record of a result" in sgp("verify", recording).error_line(2)
 
 
 def test_a_compacted_session_is_the_same_input(sgp, verify, recording, tmp_path) -> None:

@@ -70,11 +70,7 @@ def test_a_killed_demo_can_be_repeated(killed):
 )
 def test_other_files_are_never_replaced(killed, file):
     (killed / file).write_text("mine")
-    with (
-        pytest.raises(UsageError, match=f"{file} was not written by a demo"),
-        claimed(killed, force=True),
-    ):
-        pass
+    refused(killed, f"{file} was not written by a demo", force=True)
     assert (killed / file).read_text() == "mine"
     assert (killed / "recording" / "frames" / "half.tif").exists()
 
@@ -90,11 +86,7 @@ def test_links_are_refused_and_not_followed(killed, tmp_path):
     victim.mkdir()
     (victim / "file").write_text("x")
     (killed / "recording" / "link").symlink_to(victim)
-    with (
-        pytest.raises(UsageError, match="link was not written by a demo"),
-        claimed(killed, force=True),
-    ):
-        pass
+    refused(killed, "link was not written by a demo", force=True)
     assert (victim / "file").exists()
 
 

@@ -103,6 +103,13 @@ def record(tmp_path: Path) -> Path:
     return path
 
 
+def refused(path: Path, complaint: str) -> None:
+    with pytest.raises(DataError, match=complaint) as caught:
+        read_record(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
 def test_a_record_is_written_as_documented(record: Path) -> None:
     written = record.read_text()
     values = json.loads(written)
@@ -152,10 +159,7 @@ def test_json_has_the_lines_and_the_notices() -> None:
 )
 def test_other_records_are_refused(record: Path, changes: dict[str, Any], complaint: str) -> None:
     record.write_text(json.dumps(json.loads(record.read_text()) | changes))
-    with pytest.raises(DataError, match=complaint) as caught:
-        read_record(record)
-    assert str(record) in str(caught.value)
-    assert "\n" not in str(caught.value)
+    refused(record, complaint)
 
 
 TRANSFER = {
@@ -225,10 +229,7 @@ def test_other_figures_are_refused(
 ) -> None:
     path = tmp_path / "record.json"
     write_record(path, command, {}, Result(metrics=metrics))
-    with pytest.raises(DataError, match=complaint) as caught:
-        read_record(path)
-    assert str(path) in str(caught.value)
-    assert "\n" not in str(caught.value)
+    refused(path, complaint)
 
 
 @pytest.mark.parametrize(
@@ -250,16 +251,14 @@ def test_this_program_has_only_figures_that_are_declared(
 
 def test_a_figure_that_is_not_finite_is_refused(record: Path) -> None:
     record.write_text(record.read_text().replace("0.75", "Infinity"))
-    with pytest.raises(DataError, match=r"metrics.coverage.*finite number"):
-        read_record(record)
+    refused(record, r"metrics.coverage.*finite number")
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{", "null", '"x"'])
 def test_what_is_not_a_record_is_refused(tmp_path: Path, text: str) -> None:
     path = tmp_path / "normals.json"
     path.write_text(text)
-    with pytest.raises(DataError, match=r"normals\.json"):
-        read_record(path)
+    refused(path, r"normals\.json")
 
 
 def test_a_missing_record(tmp_path: Path) -> None:

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from acquisition import Identity, Labels, import_frames, read_source, write_png
+from sgp import read_record
 from sgp.report.sections import identity_list, marked
 from sgp.results.output import write_record
-from sgp.results.record import read_record
 from sgp.results.recordings import recordings_of
 from sgp.results.result import Result
 

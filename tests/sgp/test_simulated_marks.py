@@ -67,9 +67,7 @@ def test_every_output_says_simulated(sgp, tmp_path, camera):
     )
     session, sheet, export, copy = (tmp_path / name for name in ("s", "s.png", "e", "c"))
     mark = "SIMULATED, with a virtual board or camera"
-    answer = sgp("capture", "run", session, "--rig", rig, "--skip-check")
-    assert answer.code == 0, answer.err
-    assert mark in answer.out
+    assert mark in sgp("capture", "run", session, "--rig", rig, "--skip-check").ok().out
     answer = sgp("capture", "info", session, "--sheet", sheet, "--json")
     assert json.loads(answer.out)["metrics"]["simulated"] is True
     # The mark is in the label of each of the seven frames.
@@ -78,8 +76,7 @@ def test_every_output_says_simulated(sgp, tmp_path, camera):
     assert len({(row // 211, column // 204) for row, column in zip(*red, strict=True)}) == 7
     write_lights(tmp_path / "lights.json", ring_lights(6))
     words = ("--format", "lp", "--lights", tmp_path / "lights.json", "--out", export)
-    answer = sgp("capture", "export", session, *words)
-    assert answer.code == 0, answer.err
+    sgp("capture", "export", session, *words).ok()
     assert sgp("capture", "import", export, "--out", copy).code == 0
     assert mark in sgp("capture", "info", copy).out
     for source in (read_source(session), read_source(copy), read_source(export)):
@@ -92,12 +89,10 @@ def test_the_overview_says_simulated(sgp, simulated_session, tmp_path, monkeypat
     titles = []
     monkeypatch.setattr(sgp_run, "write_overview", lambda path, title, panels: titles.append(title))
     lights = simulated_session / "derived" / "truth" / "lights.json"
-    answer = sgp("run", simulated_session, "--lights", lights, "--out", tmp_path / "out")
-    assert answer.code == 0, answer.err
+    sgp("run", simulated_session, "--lights", lights, "--out", tmp_path / "out").ok()
     assert titles == [f"SIMULATED: {simulated_session.name}"]
 
 
 def test_a_recording_of_a_bench_says_nothing(sgp):
     assert not Session.open(GOLDEN).manifest.simulated
-    answer = sgp("capture", "info", GOLDEN)
-    assert "SIMULATED" not in answer.out
+    assert "SIMULATED" not in sgp("capture", "info", GOLDEN).out

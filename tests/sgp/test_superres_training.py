@@ -58,8 +58,7 @@ def tiny(monkeypatch):
 def test_opencv_computes_what_torch_computes(scale, upsampling):
     import torch
 
-    from sgp.training.onnx_layers import onnx_bytes
-    from sgp.training.torch_layers import first_weights, forward
+    from sgp.training.rdn import first_weights, forward, onnx_bytes
 
     size = RdnSize(scale, 2, 3, 24, 20, upsampling)
     random = torch.Generator().manual_seed(4)
@@ -80,7 +79,7 @@ def test_opencv_computes_what_torch_computes(scale, upsampling):
 def test_an_untrained_network_is_bicubic_interpolation():
     import torch
 
-    from sgp.training.torch_layers import first_weights, forward
+    from sgp.training.rdn import first_weights, forward
 
     for scale in (2, 4):
         size = PRESETS["small"].size(scale)
@@ -93,7 +92,7 @@ def test_an_untrained_network_is_bicubic_interpolation():
 def test_weights_have_an_effect_as_far_as_the_halo():
     import torch
 
-    from sgp.training.torch_layers import first_weights, forward
+    from sgp.training.rdn import first_weights, forward
 
     for upsampling in ("direct", "convolved"):
         size = RdnSize(2, 1, 2, 8, 8, upsampling)
@@ -189,8 +188,7 @@ def test_the_likelihood_leads_to_the_mean_square_error():
 def test_the_command_writes_a_network_and_its_description(sgp, tmp_path: Path):
     out = tmp_path / "net.onnx"
     words = ("detail", "train", "--scale", 4, "--domain", "normals", "--steps", 6, "--out", out)
-    answer = sgp(*words, "--json")
-    assert answer.code == 0, answer.err
+    answer = sgp(*words, "--json").ok()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["net.json", "net.onnx"]
     about = json.loads(out.with_suffix(".json").read_text(encoding="utf-8"))
     assert about["sha256"] == hashlib.sha256(out.read_bytes()).hexdigest()
@@ -209,12 +207,12 @@ CHILD = """
 import sys
 from dataclasses import replace
 import sgp
-from sgp.training import presets, training
+from sgp.training import presets, steps
 from sgp.commands import detail_train
 sizes = dict(blocks=1, convolutions=2, growth=8, features=8, surfaces=6, rugged=4, side=48, crop=8)
 presets.PRESETS["small"] = replace(presets.PRESETS["small"], **sizes)
 detail_train.HELD_OUT, detail_train.CORRECTED = range(3), range(3, 6)
-training._SAVE_EVERY_S = -1.0
+steps._SAVE_EVERY_S = -1.0
 sgp.main()
 """
 

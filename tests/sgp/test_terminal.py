@@ -80,10 +80,7 @@ def test_json_of_a_session(sgp, session):
 def test_errors_name_files_without_their_commands(sgp, tmp_path, monkeypatch, command, name):
     monkeypatch.chdir(tmp_path)
     more = ["--out", "o"] if command == "normals" else []
-    answer = sgp(*command.split(), name, *more)
-    assert answer.code == 2
-    assert not STEERING.search(answer.err)
-    assert len(answer.err.splitlines()) == 1
+    assert not STEERING.search(sgp(*command.split(), name, *more).error_line(2))
 
 
 def test_the_stack_trace_of_debug_too(sgp, tmp_path):
