@@ -35,6 +35,7 @@ from tests.acquisition.exported_session import (
     same_lights,
     session,
 )
+from tests.acquisition.small_session import manifest
 from tests.quick_sample import quick
 
 
@@ -47,14 +48,8 @@ def same_pixels(folder: Path, other: Path) -> None:
 
 def record(folder: Path, shots: dict[PlannedShot, int], lights: Lights | None = None) -> None:
     """Record shots, each with the picture of a number."""
-    manifest = Manifest(
-        started_utc=datetime(2026, 1, 2, tzinfo=UTC),
-        operator="",
-        object="",
-        camera={"width": SIZE[1], "height": SIZE[0], "bit_depth": 12},
-        lights=None if lights is None else LightsRecord.of(lights),
-    )
-    with SessionWriter.create(folder, manifest) as writer:
+    content = manifest(SIZE, 12, lights=None if lights is None else LightsRecord.of(lights))
+    with SessionWriter.create(folder, content) as writer:
         for shot, number in shots.items():
             writer.write_frame(shot, picture(number, SIZE))
         writer.complete()
