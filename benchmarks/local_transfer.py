@@ -22,7 +22,7 @@ from matplotlib.axes import Axes
 from benchmarks.paper.faces import FACES
 from processing import NormalMap, read_normals, transfer_local
 from processing.detail import Pose
-from sgp.pictures.sheet import Panel, write_overview
+from sgp.pictures import Panel, write_overview
 
 # Section of the target in the pictures: first column, first row, side.
 VIEW = (215, 92, 180)

@@ -18,7 +18,7 @@ from urllib.parse import quote
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from rig import MAX_PIXELS
-from sgp.report.report import make_report
+from sgp.report import make_report
 from tests.sgp.chromium import Browser
 
 DESKTOP: Final = (1280, 800)

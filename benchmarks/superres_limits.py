@@ -87,8 +87,9 @@ def learnt(known: Half, other: Half, steps: int) -> list[float]:
     import onnx
     import torch
 
+    from sgp.training import RdnSize, forward
     from sgp.training.pairs import SYMMETRIES, pair, turned
-    from sgp.training.rdn import RdnSize, as_images, forward
+    from sgp.training.rdn import as_images
     from sgp.training.steps import loss, results, squared_angle, squared_chord
 
     torch.set_num_threads(1)

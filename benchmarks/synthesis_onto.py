@@ -25,7 +25,7 @@ from matplotlib.axes import Axes
 import processing
 from benchmarks.paper.exemplars import materials
 from processing import NormalMap
-from sgp.pictures.sheet import Panel, write_overview
+from sgp.pictures import Panel, write_overview
 
 LIGHT = np.array([-0.45, 0.5, 0.74])
 SIZE = 420, 420

@@ -4,8 +4,8 @@
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:
-    from sgp.results.record import ResultRecord as ResultRecord
-    from sgp.results.record import read_record as read_record
+    from sgp.results import ResultRecord as ResultRecord
+    from sgp.results import read_record as read_record
 
 __version__ = "0.1.0"
 __all__ = ["ResultRecord", "capture", "main", "read_record"]

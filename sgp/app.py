@@ -227,7 +227,7 @@ def _take_common_options(app: App) -> None:
         if getattr(command, "__module__", "").startswith("sgp.commands."):
             from sgp.cli.entry import begin_work
             from sgp.cli.options import require_inputs
-            from sgp.results.hashes import own_files_named
+            from sgp.results import own_files_named
 
             begin_work()
             require_inputs(command, bound.arguments)
@@ -276,7 +276,7 @@ def run(app: App, tokens: list[str]) -> int:
 
 def _show(result: Any, as_json: bool) -> int:
     from sgp.cli.console import note
-    from sgp.results.result import Result
+    from sgp.results import Result
 
     if not isinstance(result, Result):
         return 0
@@ -300,7 +300,7 @@ def _fail(error: BaseException, code: int, text: str, *, as_json: bool, debug: b
 
         print(printable_lines(traceback.format_exc()), file=STDERR, end="")
     if as_json:
-        from sgp.results.result import dumps
+        from sgp.results import dumps
 
         findings = getattr(error, "findings", None)
         listed = {} if findings is None else {"findings": findings}

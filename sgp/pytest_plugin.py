@@ -100,7 +100,7 @@ class _Studio:
         return rendering
 
     def _record(self, bench: _Bench) -> Path:
-        from sgp.sessions.simulation import metered_exposures, record_simulated
+        from sgp.sessions import metered_exposures, record_simulated
         from simulator import save_truth
 
         rendering = self.rendering(bench)

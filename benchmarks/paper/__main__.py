@@ -41,9 +41,8 @@ from benchmarks.paper.superres import run_superres
 from benchmarks.paper.tables import markdown
 from sgp.cli.console import note
 from sgp.cli.exit import FAULT, UsageError, error_text, exit_code
-from sgp.pictures.sheet import write_overview
-from sgp.results.output import check_output, claim_folder, write_record
-from sgp.results.result import Result, dumps
+from sgp.pictures import write_overview
+from sgp.results import Result, check_output, claim_folder, dumps, write_record
 from sgp.stages.write_profile import write_profile_data
 
 RECORD = "bench.json"

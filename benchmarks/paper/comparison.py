@@ -9,7 +9,7 @@ from typing import NamedTuple
 import processing
 import rig
 from benchmarks.paper.tables import Table
-from sgp.pictures.sheet import Panel
+from sgp.pictures import Panel
 
 
 class Picture(NamedTuple):

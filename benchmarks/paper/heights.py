@@ -7,7 +7,7 @@ from benchmarks.paper import figures as paper
 from benchmarks.paper.sources import Sources
 from benchmarks.paper.tables import Number, Table
 from rig import Progress
-from sgp.pictures.sheet import Panel
+from sgp.pictures import Panel
 from sgp.stages.write_profile import profile_panels
 
 # The substitutes for the paper's two sources, and the file names of their curves.

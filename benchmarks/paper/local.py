@@ -13,8 +13,7 @@ from benchmarks.paper.sources import Sources
 from benchmarks.paper.tables import Number, Table
 from rig import Progress
 from rig.arrays import Bool
-from sgp.pictures.maps import normals_panel
-from sgp.pictures.sheet import Panel
+from sgp.pictures import Panel, normals_panel
 
 
 def local_transfers(sources: Sources, advance: Progress) -> tuple[Table, list[Panel]]:

@@ -8,8 +8,7 @@ import time
 import processing
 from benchmarks.paper.tables import Number, Table
 from rig import Progress
-from sgp.pictures.maps import lit_panel
-from sgp.pictures.sheet import Panel
+from sgp.pictures import Panel, lit_panel
 
 _EXEMPLAR_PX, _SHEET_PX = 96, 128
 # The sides of neighbourhoods and of patches.

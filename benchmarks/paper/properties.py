@@ -10,8 +10,7 @@ from benchmarks.paper import figures as paper
 from benchmarks.paper.sources import DILIGENT, Sources
 from benchmarks.paper.tables import Number, Table
 from rig import Progress
-from sgp.pictures.maps import detail_panel, map_panel, normals_panel
-from sgp.pictures.sheet import Panel
+from sgp.pictures import Panel, detail_panel, map_panel, normals_panel
 
 _SOURCES = (
     "None of the paper's five models is available: other surfaces are used, so the paper's "

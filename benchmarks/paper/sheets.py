@@ -19,9 +19,7 @@ from benchmarks.paper.pixel_by_pixel import pixel_by_pixel
 from benchmarks.paper.sources import Sources
 from benchmarks.paper.tables import Number, Table
 from rig import Progress
-from sgp.pictures.crop import Crop
-from sgp.pictures.maps import lit_panel
-from sgp.pictures.sheet import Panel
+from sgp.pictures import Crop, Panel, lit_panel
 from sgp.stages.write_profile import profile_panels
 
 PATCH_PX = 48

@@ -19,7 +19,8 @@ from benchmarks.paper.superres_maps import judged_maps
 from benchmarks.paper.superres_pictures import add_head, add_parts
 from benchmarks.paper.tables import Number, Table
 from rig import Progress
-from sgp.training.judgement import Judgement, judged, measure
+from sgp.training import judged, measure
+from sgp.training.judgement import Judgement
 from sgp.training.presets import REPORTED
 
 _SCALES = (4, 2)

@@ -8,9 +8,7 @@ from benchmarks.paper.sources import Sources
 from benchmarks.paper.superres_maps import head
 from benchmarks.paper.tables import Number, Table
 from rig import Progress
-from sgp.pictures.crop import Crop
-from sgp.pictures.maps import lit_panel, shaded_panel
-from sgp.pictures.sheet import Panel
+from sgp.pictures import Crop, Panel, lit_panel, shaded_panel
 
 # Middles of the parts that are shown, in columns and rows, and their side.
 _PARTS = {"relief 160": (500, 500), "owl": (280, 125)}

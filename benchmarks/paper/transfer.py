@@ -14,8 +14,7 @@ from benchmarks.paper.measure import IN_NORMALS, METHODS, measure
 from benchmarks.paper.sources import Sources
 from benchmarks.paper.tables import Number, Table, flattened
 from rig import Progress
-from sgp.pictures.maps import normals_panel
-from sgp.pictures.sheet import Panel
+from sgp.pictures import Panel, normals_panel
 
 # Cells by quantity and method.
 Rows = dict[str, dict[str, list[Number]]]

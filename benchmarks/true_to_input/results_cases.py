@@ -258,7 +258,7 @@ class _Here:
         self.count = 1
 
     def outcomes(self, tasks: Any, started: Any) -> Iterator[Any]:
-        from sgp.batch.task_run import perform
+        from sgp.batch import perform
 
         for task in tasks:
             started(task)
@@ -371,7 +371,7 @@ def _late_worker(folder: Path) -> Outcome:
     """A worker sleeps before it writes; another one does the task on the present images."""
     import processing
     import sgp.commands.batch as module
-    from sgp.batch.task_run import perform
+    from sgp.batch import perform
 
     source, states = _recording(folder), []
     tasks: list[Any] = []

@@ -40,7 +40,8 @@ def stream(seed: int, row: int, column: int) -> np.uint64:
     """Return the first state of the random numbers of a patch."""
     state = mixed(np.uint64(seed) + GOLDEN)
     state = mixed(state ^ (np.uint64(row) + GOLDEN))
-    return mixed(state ^ (np.uint64(column) + GOLDEN))
+    first: np.uint64 = mixed(state ^ (np.uint64(column) + GOLDEN))
+    return first
 
 
 @numba.njit(**INLINED, fastmath=_FAST, error_model="numpy")

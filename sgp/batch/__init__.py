@@ -1,1 +1,6 @@
 """Many sources: plan, state on disk, workers here or on a cluster, tables of results."""
+
+import lazy_loader
+
+# The names are listed in __init__.pyi; each is loaded when it is first used.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

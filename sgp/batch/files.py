@@ -7,8 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from sgp.results.hashes import sha256
-from sgp.results.recordings import JOURNAL, compacted_since
+from sgp.results import JOURNAL, compacted_since, sha256
 
 _COMPLETE = "COMPLETE"
 

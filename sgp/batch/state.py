@@ -14,8 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 import acquisition
 from sgp.batch.files import Stamp, difference, stamps
 from sgp.batch.task import Outcome, Task
-from sgp.results.output import check_folder, locked
-from sgp.results.result import dumps, json_table
+from sgp.results import check_folder, dumps, json_table, locked
 
 FORMAT, VERSION = "sgp-batch-state", 1
 # Errors of a name: too long, or with characters that the file system does not have.

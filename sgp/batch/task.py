@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from sgp.batch.files import Stamp
 from sgp.cli.options import distinct
-from sgp.results.result import Result
+from sgp.results import Result
 
 # Files and folders that a batch itself writes.
 _TAKEN = ("state", "thumbnails", "batch.csv", "batch.json", "index.html")

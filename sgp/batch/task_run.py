@@ -22,9 +22,7 @@ from sgp.cli.exit import FAULT, error_text, exit_code
 from sgp.cli.help import usage_complaint
 from sgp.cli.options import paths_of, require_inputs, transfer_files
 from sgp.cli.threads import opencv_threads
-from sgp.results.hashes import input_hashes, output_files, own_files_named
-from sgp.results.output import flat_parameters
-from sgp.results.result import Result
+from sgp.results import Result, flat_parameters, input_hashes, output_files, own_files_named
 
 # Exit code of errors that may pass: a full disk, a network drive that does not answer.
 _MAY_PASS = 3

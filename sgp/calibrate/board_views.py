@@ -13,7 +13,7 @@ import calibration
 import rig
 from rig.arrays import Float32
 from sgp.cli.console import shown
-from sgp.stages.recording import open_source
+from sgp.stages import open_source
 
 
 @dataclass

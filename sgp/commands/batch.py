@@ -13,14 +13,32 @@ from cyclopts.validators import Number
 
 import acquisition
 import rig as rigs
-from sgp.batch.cluster import check_scheduler, cluster
-from sgp.batch.local import LocalWorkers
-from sgp.batch.progress import BatchProgress
-from sgp.batch.recipe import Recipe, is_placed, option_words, placed, places_of, read_recipe
-from sgp.batch.state import State, States, batch_folder, reason_to_run, state_of
-from sgp.batch.tables import csv_table, html_table, other_results
-from sgp.batch.task import Outcome, Stage, Task, Workers, names_of
-from sgp.batch.task_run import bound_arguments
+from sgp.batch import (
+    BatchProgress,
+    LocalWorkers,
+    Outcome,
+    Recipe,
+    Stage,
+    State,
+    States,
+    Task,
+    Workers,
+    batch_folder,
+    bound_arguments,
+    check_scheduler,
+    csv_table,
+    html_table,
+    is_placed,
+    names_of,
+    option_words,
+    other_results,
+    placed,
+    places_of,
+    read_recipe,
+    reason_to_run,
+    state_of,
+)
+from sgp.batch.cluster import cluster
 from sgp.cli.console import note
 from sgp.cli.exit import ClusterError, UsageError, exit_code
 from sgp.cli.help import usage_complaint
@@ -28,11 +46,8 @@ from sgp.cli.options import Inputs, Memory, OptionalInput, Whole, inputs_of
 from sgp.commands.calibrate import spheres
 from sgp.commands.report import report
 from sgp.commands.run import run
-from sgp.results.hashes import input_hashes
-from sgp.results.metrics import BatchMetrics
-from sgp.results.output import check_output, write_record
-from sgp.results.result import Result
-from sgp.stages.memory_limit import size_text
+from sgp.results import BatchMetrics, Result, check_output, input_hashes, write_record
+from sgp.stages import size_text
 
 _LEAST_MEMORY = 2**29
 _Workers = Annotated[Whole, Parameter(validator=Number(gte=1, lte=256))]

@@ -19,20 +19,19 @@ import acquisition
 import calibration
 import rig as rigs
 from rig.arrays import Float32, Float64
-from sgp.calibrate.sphere_marks import Marks, marks_of
+from sgp.calibrate import Marks, marks_of
 from sgp.cli import options
 from sgp.cli.exit import UsageError
 from sgp.cli.threads import opencv_threads
-from sgp.results.output import check_file, stated
-from sgp.results.result import Result
-from sgp.rigs.rig_lights import led_positions, rig_notices, rig_with_positions
-from sgp.stages.recording import open_source
-from sgp.stages.spheres import (
+from sgp.results import Result, check_file, stated
+from sgp.rigs import led_positions, rig_notices, rig_with_positions
+from sgp.stages import (
     advise_to_exclude,
     describe_spheres,
     draw_candidates,
     draw_spheres,
     given_radii,
+    open_source,
     undivided_images,
     write_calibration,
 )

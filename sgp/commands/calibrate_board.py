@@ -6,12 +6,10 @@ from pathlib import Path
 from typing import Literal
 
 import calibration
-from sgp.calibrate.board_page import squares_of, write_board_page
+from sgp.calibrate import squares_of, write_board_page
 from sgp.cli.exit import UsageError
 from sgp.cli.options import Positive
-from sgp.results.metrics import BoardMetrics
-from sgp.results.output import check_file
-from sgp.results.result import Result
+from sgp.results import BoardMetrics, Result, check_file
 
 
 def board(

@@ -9,15 +9,12 @@ from typing import Any
 import acquisition
 import calibration
 import rig
-from sgp.calibrate.board_page import board_of
-from sgp.calibrate.board_views import FoundViews, find_views, mean_image
+from sgp.calibrate import FoundViews, board_of, find_views, mean_image
 from sgp.cli.console import with_progress
 from sgp.cli.exit import UsageError
 from sgp.cli.options import Gamma, Inputs, OptionalInput, Pixels, Positive, Real
-from sgp.results.metrics import CameraMetrics
-from sgp.results.output import claim_folder, complete_provenance, writes_folder
-from sgp.results.result import Result
-from sgp.stages.recording import open_source
+from sgp.results import CameraMetrics, Result, claim_folder, complete_provenance, writes_folder
+from sgp.stages import open_source
 
 _RECORD = "calibration.json"
 # Working distances that differ by more than this contradict each other.
@@ -229,8 +226,7 @@ def _write(
     result: Result,
     parameters: dict[str, Any],
 ) -> None:
-    from sgp.pictures.camera import coverage_panel, residuals_panel, views_panel
-    from sgp.pictures.sheet import write_overview
+    from sgp.pictures import coverage_panel, reprojection_panel, views_panel, write_overview
 
     names = {
         "camera": "camera.json",
@@ -243,5 +239,5 @@ def _write(
     acquisition.write_camera(result.outputs["camera"], model, provenance=made_by)
     acquisition.write_camera(result.outputs["opencv"], model)
     acquisition.write_camera(result.outputs["colmap"], model)
-    panels = [coverage_panel(estimate), residuals_panel(estimate), views_panel(estimate)]
+    panels = [coverage_panel(estimate), reprojection_panel(estimate), views_panel(estimate)]
     write_overview(result.outputs["picture"], "", panels, columns=2)

@@ -13,9 +13,8 @@ import rig as rigs
 from rig.arrays import Bool
 from sgp.cli.exit import UsageError
 from sgp.cli.options import Input, OptionalInput, Positive, RigOption
-from sgp.results.metrics import CheckMetrics, LightDifferenceMetrics
-from sgp.results.result import Result
-from sgp.rigs.rig_lights import rig_with_positions
+from sgp.results import CheckMetrics, LightDifferenceMetrics, Result
+from sgp.rigs import rig_with_positions
 
 _SHOWN = 12
 _LONGEST_ID = 14

@@ -9,11 +9,17 @@ import calibration
 import rig
 from sgp.cli.console import with_progress
 from sgp.cli.options import Gamma, Inputs, LightsInput, OptionalInput, Pixels, Real
-from sgp.results.metrics import FlatMetrics, figures_of
-from sgp.results.output import check_output, claim_folder, complete_provenance, stated
-from sgp.results.result import Result
-from sgp.rigs.rig_lights import given_lights
-from sgp.stages.recording import open_sources
+from sgp.results import (
+    FlatMetrics,
+    Result,
+    check_output,
+    claim_folder,
+    complete_provenance,
+    figures_of,
+    stated,
+)
+from sgp.rigs import given_lights
+from sgp.stages import open_sources
 
 
 def flat(
@@ -127,8 +133,13 @@ def _lines(found: calibration.flat.FlatCalibration) -> list[str]:
 
 
 def _draw(path: Path, source: acquisition.Source, flat: acquisition.Flat) -> None:
-    from sgp.pictures.flat import histogram_panel, pixel_panel, smooth_panel
-    from sgp.pictures.sheet import source_title, write_overview
+    from sgp.pictures import (
+        histogram_panel,
+        pixel_panel,
+        smooth_panel,
+        source_title,
+        write_overview,
+    )
 
     panels = [
         smooth_panel(flat),

@@ -16,12 +16,9 @@ from rig.arrays import Bool, Float64
 from sgp.cli import options
 from sgp.cli.console import with_progress
 from sgp.cli.exit import UsageError
-from sgp.results.metrics import IntensitiesMetrics
-from sgp.results.output import check_file, stated
-from sgp.results.result import Result
-from sgp.rigs.rig_lights import given_lights
-from sgp.stages.recording import open_source
-from sgp.stages.spheres import write_calibration
+from sgp.results import IntensitiesMetrics, Result, check_file, stated
+from sgp.rigs import given_lights
+from sgp.stages import open_source, write_calibration
 
 # Names of lights that a line may list.
 _LISTED = 8

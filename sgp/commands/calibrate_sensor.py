@@ -10,9 +10,8 @@ import calibration
 import rig
 from sgp.cli.console import with_progress
 from sgp.cli.options import Inputs, Pixels
-from sgp.results.output import claim_folder, provenance, writes_folder
-from sgp.results.result import Result
-from sgp.stages.recording import open_sources
+from sgp.results import Result, claim_folder, provenance, writes_folder
+from sgp.stages import open_sources
 
 _RECORD = "calibrate-sensor.json"
 
@@ -122,8 +121,7 @@ def _lines(estimate: calibration.sensor.SensorCalibration) -> list[str]:
 def _draw(
     path: Path, source: acquisition.Source, estimate: calibration.sensor.SensorCalibration
 ) -> None:
-    from sgp.pictures.sensor import sensor_panels
-    from sgp.pictures.sheet import source_title, write_overview
+    from sgp.pictures import sensor_panels, source_title, write_overview
 
     title = source_title(source, f"sensor: {source.path}")
     write_overview(path, title, sensor_panels(estimate), columns=2)

@@ -19,15 +19,21 @@ import rig as rigs
 from sgp.cli.console import note, with_progress
 from sgp.cli.options import Input, OptionalInput, OptionalLights, RigOption
 from sgp.commands.capture_plan import chosen_plan
-from sgp.results.output import check_folder
-from sgp.results.result import Result
-from sgp.rigs.rig_lights import given_lights
-from sgp.rigs.user_config import chosen_operator, chosen_rig
-from sgp.sessions.operator_messages import CaptureTalk
-from sgp.sessions.resume_command import ResumeCommand, can_be_retaken
-from sgp.sessions.session_summary import describe, left_out_notices
-from sgp.sessions.steps import MeterOptions, Preparation, accept, checked_wiring, metered
-from sgp.sessions.steps import dry_run as rehearsed
+from sgp.results import Result, check_folder
+from sgp.rigs import chosen_operator, chosen_rig, given_lights
+from sgp.sessions import (
+    CaptureTalk,
+    MeterOptions,
+    Preparation,
+    ResumeCommand,
+    accept,
+    can_be_retaken,
+    checked_wiring,
+    describe,
+    left_out_notices,
+    metered,
+)
+from sgp.sessions import dry_run as rehearsed
 
 _UNMETERED = MeterOptions()
 

@@ -15,12 +15,9 @@ from sgp.cli import options
 from sgp.cli.console import note, with_progress
 from sgp.cli.exit import UsageError
 from sgp.commands.capture_info import info
-from sgp.results.metrics import ExportMetrics
-from sgp.results.output import check_folder, earlier_files, writes_folder
-from sgp.results.result import Result
-from sgp.rigs.rig_lights import given_lights
-from sgp.rigs.user_config import chosen_operator
-from sgp.stages.recording import not_used
+from sgp.results import ExportMetrics, Result, check_folder, earlier_files, writes_folder
+from sgp.rigs import chosen_operator, given_lights
+from sgp.stages import not_used
 
 _RECORD = "export.json"
 

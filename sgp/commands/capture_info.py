@@ -11,11 +11,9 @@ import acquisition
 import rig as rigs
 from sgp.cli.exit import UsageError
 from sgp.cli.options import Input
-from sgp.results.output import check_file
-from sgp.results.result import Result
-from sgp.rigs.user_config import default_rig
-from sgp.sessions.resume_command import ResumeCommand, can_be_retaken
-from sgp.sessions.session_summary import describe, left_out_notices
+from sgp.results import Result, check_file
+from sgp.rigs import default_rig
+from sgp.sessions import ResumeCommand, can_be_retaken, describe, left_out_notices
 
 # Of a verification, besides whether the session is whole.
 _FIGURES = (
@@ -116,7 +114,7 @@ def info(
             raise acquisition.DataError(
                 f"{session}: no frames to draw: all are rejected or missing"
             )
-        from sgp.sessions.session_sheet import write_session_sheet
+        from sgp.sessions import write_session_sheet
 
         write_session_sheet(sheet, opened)
         result.outputs["sheet"] = sheet

@@ -15,8 +15,8 @@ import rig as rigs
 from sgp.cli.console import Stages
 from sgp.cli.exit import UsageError
 from sgp.cli.options import Count, Leds, OptionalInput, Real, RigOption, image_size, led_list
-from sgp.results.result import Result
-from sgp.rigs.user_config import chosen_rig, default_rig
+from sgp.results import Result
+from sgp.rigs import chosen_rig, default_rig
 
 _DEFAULT_EXPOSURE_US = 20_000.0
 _ROOM = 1.25

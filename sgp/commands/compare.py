@@ -10,10 +10,8 @@ import acquisition
 import processing
 import rig
 from sgp.cli.options import Green, Input, OptionalInput, Pixels
-from sgp.results.metrics import CompareMetrics, figures_of
-from sgp.results.output import claim_folder, writes_folder
-from sgp.results.result import Result
-from sgp.stages.maps import MapInput
+from sgp.results import CompareMetrics, Result, claim_folder, figures_of, writes_folder
+from sgp.stages import MapInput
 
 
 @writes_folder("compare.json")
@@ -80,8 +78,7 @@ def compare(
         f"{metrics['ssim_paper']:.4f} in the paper's protocol",
     ]
     if out is not None:
-        from sgp.pictures.maps import map_panel
-        from sgp.pictures.sheet import write_overview
+        from sgp.pictures import map_panel, write_overview
 
         claim_folder(out, "compare.json")
         result.outputs = {"error": out / "error.exr", "picture": out / "error.png"}

@@ -10,10 +10,8 @@ import acquisition
 import processing
 import rig
 from sgp.cli.options import FitScale, Green, Input, OptionalInput, Pixels, Positive
-from sgp.results.output import claim_folder, writes_folder
-from sgp.results.result import Result
-from sgp.results.stage_metrics import CurvatureMetrics
-from sgp.stages.maps import MapInput
+from sgp.results import CurvatureMetrics, Result, claim_folder, writes_folder
+from sgp.stages import MapInput
 
 
 @writes_folder("curvature.json")
@@ -67,8 +65,7 @@ def curvature(
     force
         Write into an output folder that already contains files.
     """
-    from sgp.pictures.maps import signed_panel
-    from sgp.pictures.sheet import write_overview
+    from sgp.pictures import signed_panel, write_overview
 
     read = MapInput(normals, green, max_pixels=max_pixels).read()
     normal_map = read.normal_map

@@ -14,16 +14,10 @@ import simulator
 from rig.arrays import Float32
 from sgp.cli.console import Stages, note
 from sgp.cli.options import Seed
-from sgp.pictures.lights import spheres_panel
-from sgp.pictures.maps import map_panel, signed_panel
-from sgp.pictures.sheet import source_title, write_overview
-from sgp.report.report import write_report
-from sgp.results.demo_folder import DemoFolder, claimed
-from sgp.results.metrics import DemoMetrics, ErrorMetrics
-from sgp.results.output import write_record
-from sgp.results.result import Result
-from sgp.stages.recording import Stopwatch
-from sgp.stages.run_stages import Outcome, RunOptions, processed
+from sgp.pictures import map_panel, signed_panel, source_title, spheres_panel, write_overview
+from sgp.report import write_report
+from sgp.results import DemoFolder, DemoMetrics, ErrorMetrics, Result, claimed, write_record
+from sgp.stages import Outcome, RunOptions, Stopwatch, processed
 
 _LONG_US, _SHORT_US = 20_000.0, 40.0
 

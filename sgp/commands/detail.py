@@ -13,13 +13,17 @@ from pathlib import Path
 import processing
 import rig
 from sgp.cli.options import Green, Input, Memory, Pixels
-from sgp.results.metrics import CombineMetrics
-from sgp.results.output import claim_folder, writes_folder
-from sgp.results.result import Result
-from sgp.stages.maps import MapInput, stage_maps
-from sgp.stages.memory_limit import Limit
-from sgp.stages.options import MAPS, SEPARATION, MapOptions, SeparationOptions
-from sgp.stages.write import write_separation
+from sgp.results import CombineMetrics, Result, claim_folder, writes_folder
+from sgp.stages import (
+    MAPS,
+    SEPARATION,
+    Limit,
+    MapInput,
+    MapOptions,
+    SeparationOptions,
+    stage_maps,
+    write_separation,
+)
 
 
 @writes_folder("detail.json")

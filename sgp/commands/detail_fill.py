@@ -11,14 +11,9 @@ import processing
 import rig
 from sgp.cli.console import with_progress
 from sgp.cli.options import Count, Green, Input, Pixels, Seed
-from sgp.pictures.crop import Crop
-from sgp.pictures.maps import lit_panel
-from sgp.pictures.sheet import write_overview
-from sgp.results.metrics import FillMetrics, figures_of
-from sgp.results.output import claim_folder, writes_folder
-from sgp.results.result import Result
-from sgp.stages.maps import MapInput
-from sgp.stages.options import MAPS, SEPARATION, MapOptions, SeparationOptions
+from sgp.pictures import Crop, lit_panel, write_overview
+from sgp.results import FillMetrics, Result, claim_folder, figures_of, writes_folder
+from sgp.stages import MAPS, SEPARATION, MapInput, MapOptions, SeparationOptions
 
 
 @writes_folder("fill.json")

@@ -10,19 +10,18 @@ import acquisition
 import processing
 import rig
 from sgp.cli.options import Green, Input, Pixels
-from sgp.pictures.maps import detail_panel, map_panel, normals_panel, shaded_panel
-from sgp.pictures.sheet import Panel, write_overview
-from sgp.results.metrics import (
+from sgp.pictures import Panel, detail_panel, map_panel, normals_panel, shaded_panel, write_overview
+from sgp.results import (
     ChainStepMetrics,
     LikenessMetrics,
     PropertiesMetrics,
+    Result,
     RotationSimilarityMetrics,
+    claim_folder,
     figures_of,
+    writes_folder,
 )
-from sgp.results.output import claim_folder, writes_folder
-from sgp.results.result import Result
-from sgp.stages.maps import MapInput
-from sgp.stages.options import SEPARATION, SeparationOptions
+from sgp.stages import SEPARATION, MapInput, SeparationOptions
 
 
 @writes_folder("properties.json")

@@ -13,14 +13,18 @@ import processing
 import rig
 from sgp.cli.exit import UsageError
 from sgp.cli.options import Green, Input, Memory, OptionalInput, Pixels, Positive
-from sgp.results.output import claim_folder, writes_folder
-from sgp.results.record import records_of
-from sgp.results.result import Result
-from sgp.stages.given_camera import camera_notices
-from sgp.stages.maps import MapInput, stage_maps
-from sgp.stages.memory_limit import Limit
-from sgp.stages.options import MAPS, MapOptions
-from sgp.stages.write_superres import measure_superres, write_superres_maps, write_superres_picture
+from sgp.results import Result, claim_folder, records_of, writes_folder
+from sgp.stages import (
+    MAPS,
+    Limit,
+    MapInput,
+    MapOptions,
+    camera_notices,
+    measure_superres,
+    stage_maps,
+    write_superres_maps,
+    write_superres_picture,
+)
 
 
 @writes_folder("superres.json")

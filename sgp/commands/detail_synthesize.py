@@ -25,16 +25,21 @@ from sgp.cli.options import (
     Seed,
     image_size,
 )
-from sgp.results.output import claim_folder, writes_folder
-from sgp.results.result import Result
-from sgp.stages.guidance import GuidanceOptions
-from sgp.stages.maps import MapInput, maps_in_files, options_of
-from sgp.stages.memory_limit import Limit, identity
-from sgp.stages.options import MAPS, SEPARATION, MapOptions, SeparationOptions
-from sgp.stages.write_synthesis import (
+from sgp.results import Result, claim_folder, writes_folder
+from sgp.stages import (
+    MAPS,
+    SEPARATION,
+    GuidanceOptions,
+    Limit,
+    MapInput,
+    MapOptions,
+    SeparationOptions,
     Synthesised,
+    identity,
+    maps_in_files,
     measure_texture,
     measure_transfer,
+    options_of,
     write_sheet_picture,
     write_target_picture,
 )

@@ -10,11 +10,8 @@ import simulator
 from sgp.cli.console import Stages
 from sgp.cli.exit import UsageError
 from sgp.cli.options import TrainingSeed, TrainingSteps
-from sgp.results.metrics import TrainMetrics
-from sgp.results.output import check_file
-from sgp.results.result import Result
-from sgp.training.pairs import Domain
-from sgp.training.presets import CORRECTED, HELD_OUT, PRESETS, PresetName, Scale, Task
+from sgp.results import Result, TrainMetrics, check_file
+from sgp.training import CORRECTED, HELD_OUT, PRESETS, Domain, PresetName, Scale, Task
 
 _LIBRARIES = ("torch", "onnx")
 
@@ -58,8 +55,7 @@ def train(
     force
         Overwrite existing files.
     """
-    from sgp.training.files import claim_work, network_model, remove_work, write_network
-    from sgp.training.pairs import make_pairs
+    from sgp.training import claim_work, make_pairs, network_model, remove_work, write_network
 
     check_file(out, ".onnx", force=force)
     check_file(out.with_suffix(".json"), ".json", force=force)
@@ -69,8 +65,8 @@ def train(
             f"{' and '.join(missing)} not found, which training requires: "
             'pip install "surface-geometry-processing[learned]"'
         )
-    from sgp.training.judgement import fitted_deviations, judged, measure
-    from sgp.training.steps import train as run
+    from sgp.training import fitted_deviations, judged, measure
+    from sgp.training import train as run
 
     chosen = PRESETS[preset].at(scale)
     task = Task(scale, domain, seed, preset, steps or chosen.steps)

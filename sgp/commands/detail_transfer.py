@@ -16,13 +16,17 @@ from rig.arrays import Bool
 from sgp.cli import options
 from sgp.cli.console import Stages, with_progress
 from sgp.cli.exit import UsageError
-from sgp.results.output import claim_folder, writes_folder
-from sgp.results.result import Result
-from sgp.stages.maps import MapInput, stage_maps
-from sgp.stages.memory_limit import Limit
-from sgp.stages.options import MAPS, MapOptions
-from sgp.stages.write_profile import write_height_profile
-from sgp.stages.write_transfer import Transferred, write_transfer
+from sgp.results import Result, claim_folder, writes_folder
+from sgp.stages import (
+    MAPS,
+    Limit,
+    MapInput,
+    MapOptions,
+    Transferred,
+    stage_maps,
+    write_height_profile,
+)
+from sgp.stages.write_transfer import write_transfer
 
 # Both numbers may be negative.
 Place = Annotated[str, Parameter(allow_leading_hyphen=True)]

@@ -22,8 +22,8 @@ import acquisition
 import rig
 from sgp.cli.entry import PACKAGES, foreign_package
 from sgp.cli.options import SourceOptions
-from sgp.results.result import Result
-from sgp.rigs.user_config import chosen_rig, config_path, default_rig
+from sgp.results import Result
+from sgp.rigs import chosen_rig, config_path, default_rig
 
 _State = Literal["ok", "warning", "error"]
 # GenTL's variable with the folders of producers, for 64-bit programs.

@@ -9,12 +9,8 @@ import processing
 import rig
 from sgp.cli.console import Stages
 from sgp.cli.options import Input, Pixels, Quality
-from sgp.results.hashes import input_hashes
-from sgp.results.output import claim_folder, writes_folder
-from sgp.results.recordings import recordings_of
-from sgp.results.result import Result
-from sgp.stages.options import RelightOptions
-from sgp.stages.result_source import find_normals
+from sgp.results import Result, claim_folder, input_hashes, recordings_of, writes_folder
+from sgp.stages import RelightOptions, find_normals
 
 _RELIGHT = RelightOptions()
 
@@ -61,7 +57,7 @@ def export(
     force
         Write into an output folder that already contains files.
     """
-    from sgp.stages.relightable import fit_result, write_relightable
+    from sgp.stages import fit_result, write_relightable
 
     found = find_normals(result)
     read = processing.read_normals(found.folder, max_pixels=max_pixels)

@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 
 from sgp.cli.options import Input, RecordingOptions, SourceOptions
-from sgp.results.quality import add_quality, quality_lines
-from sgp.results.result import Result
-from sgp.results.stage_metrics import InspectMetrics
-from sgp.stages.recording import compute_normals, open_recording
+from sgp.results import InspectMetrics, Result, add_quality, quality_lines
+from sgp.stages import compute_normals, open_recording
 
 _DEFAULTS = RecordingOptions()
 

@@ -5,14 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 
 from sgp.cli.options import Input, Memory, Positive, SourceOptions
-from sgp.results.hashes import input_hashes
-from sgp.results.output import claim_folder, writes_folder
-from sgp.results.result import Result
-from sgp.stages.options import MAPS, MapOptions
-from sgp.stages.recording import open_recording, with_scale
-from sgp.stages.spheres import add_sphere_lights
-from sgp.stages.stored_normals import normals_within
-from sgp.stages.write import write_normals_stage
+from sgp.results import Result, claim_folder, input_hashes, writes_folder
+from sgp.stages import (
+    MAPS,
+    MapOptions,
+    add_sphere_lights,
+    normals_within,
+    open_recording,
+    with_scale,
+    write_normals_stage,
+)
 
 _DEFAULTS = SourceOptions()
 

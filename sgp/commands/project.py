@@ -15,10 +15,8 @@ import processing
 from sgp.cli.console import shown, with_progress
 from sgp.cli.exit import UsageError
 from sgp.cli.options import Input, OptionalInput, Positive, Whole, image_size, numbers
-from sgp.results.metrics import ProjectMetrics
-from sgp.results.output import claim_folder, writes_folder
-from sgp.results.result import Result
-from sgp.stages.options import MAPS, MapOptions
+from sgp.results import ProjectMetrics, Result, claim_folder, writes_folder
+from sgp.stages import MAPS, MapOptions
 
 Unit = Literal["um", "mm", "cm", "m", "in"]
 Neighbours = Annotated[Whole, Parameter(validator=Number(gte=3, lte=1000))]

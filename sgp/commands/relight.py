@@ -12,9 +12,7 @@ import processing
 import rig
 from sgp.cli.exit import UsageError
 from sgp.cli.options import Input, Pixels, numbers
-from sgp.results.metrics import RelightMetrics
-from sgp.results.output import check_file
-from sgp.results.result import Result
+from sgp.results import RelightMetrics, Result, check_file
 
 
 def relight(

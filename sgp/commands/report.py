@@ -7,10 +7,8 @@ from pathlib import Path
 import acquisition
 import rig
 from sgp.cli.options import Input, Pixels
-from sgp.report.report import make_report
-from sgp.results.metrics import ReportMetrics
-from sgp.results.output import check_file
-from sgp.results.result import Result
+from sgp.report import make_report
+from sgp.results import ReportMetrics, Result, check_file
 
 
 def report(

@@ -18,9 +18,8 @@ import rig as rigs
 from sgp.cli.console import Stages
 from sgp.cli.exit import UsageError
 from sgp.cli.options import Microseconds, Positive, RigOption, Whole
-from sgp.results.output import check_file
-from sgp.results.result import Result
-from sgp.rigs.user_config import chosen_rig, default_rig, how_to_configure
+from sgp.results import Result, check_file
+from sgp.rigs import chosen_rig, default_rig, how_to_configure
 
 # The board's watchdog turns the LED off after one second without a message from this program.
 _SIGN_EVERY_S = 0.25

@@ -5,16 +5,19 @@ from __future__ import annotations
 from pathlib import Path
 
 from sgp.cli.options import Input, Memory, SourceOptions
-from sgp.pictures.sheet import source_title, write_overview
-from sgp.report.report import write_report
-from sgp.results.hashes import input_hashes
-from sgp.results.metrics import RunMetrics, TruthMetrics
-from sgp.results.output import claim_folder, writes_folder
-from sgp.results.result import Result
-from sgp.stages.options import MapOptions, SeparationOptions, SurfaceOptions
-from sgp.stages.recording import Stopwatch, open_recording
-from sgp.stages.run_stages import RunOptions, processed
-from sgp.stages.spheres import add_sphere_lights
+from sgp.pictures import source_title, write_overview
+from sgp.report import write_report
+from sgp.results import Result, RunMetrics, TruthMetrics, claim_folder, input_hashes, writes_folder
+from sgp.stages import (
+    MapOptions,
+    RunOptions,
+    SeparationOptions,
+    Stopwatch,
+    SurfaceOptions,
+    add_sphere_lights,
+    open_recording,
+    processed,
+)
 
 _DEFAULTS = SourceOptions()
 _MAPS, _SEPARATION, _SURFACES = MapOptions(), SeparationOptions(), SurfaceOptions()

@@ -15,17 +15,9 @@ import simulator
 from sgp.cli.console import Stages, with_progress
 from sgp.cli.exit import UsageError
 from sgp.cli.options import Leds, Memory, Positive, Seed, image_size
-from sgp.results.metrics import SimulateMetrics
-from sgp.results.output import check_file, check_folder, provenance
-from sgp.results.result import Result
-from sgp.sessions.simulation import (
-    Rendered,
-    metered_exposures,
-    pixels_in_view,
-    record_simulated,
-    rendered,
-)
-from sgp.stages.recording import Stopwatch
+from sgp.results import Result, SimulateMetrics, check_file, check_folder, provenance
+from sgp.sessions import Rendered, metered_exposures, pixels_in_view, record_simulated, rendered
+from sgp.stages import Stopwatch
 
 _SHEET_SIZE = (320, 256)
 # Where readers of a session find what is true of it.
@@ -221,7 +213,7 @@ def _list(sheet: Path | None, out: Path | None) -> Result:
         summary=[f"{name:<{widest}}  {text}" for name, text in simulator.SCENES.items()],
     )
     if sheet is not None:
-        from sgp.pictures.scene_sheet import write_contact_sheet
+        from sgp.pictures import write_contact_sheet
 
         check_file(sheet, ".png", force=True)
         width, height = _SHEET_SIZE

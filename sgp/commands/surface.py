@@ -14,12 +14,15 @@ import rig
 from sgp.cli.console import note
 from sgp.cli.exit import UsageError
 from sgp.cli.options import Input, Memory, Millimetres, OptionalInput, Pixels, Positive
-from sgp.results.output import writes_folder
-from sgp.results.result import Result
-from sgp.stages.given_camera import camera_notices
-from sgp.stages.given_normals import with_remedy
-from sgp.stages.options import SurfaceOptions
-from sgp.stages.surface_maps import SurfaceInputs, SurfaceWay, integrated
+from sgp.results import Result, writes_folder
+from sgp.stages import (
+    SurfaceInputs,
+    SurfaceOptions,
+    SurfaceWay,
+    camera_notices,
+    integrated,
+    with_remedy,
+)
 
 _SURFACE = SurfaceOptions()
 

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import rig
 from sgp.cli.options import Input
-from sgp.results.metrics import VerifyMetrics, figures_of
-from sgp.results.result import Result
-from sgp.results.verification import verify_results
+from sgp.results import Result, VerifyMetrics, figures_of, verify_results
 
 
 def verify(result: Input, *others: Input) -> Result:

@@ -49,7 +49,7 @@ def coverage_panel(calibrated: CameraCalibration) -> Panel:
     return Panel(title, draw, camera.width / camera.height)
 
 
-def residuals_panel(calibrated: CameraCalibration) -> Panel:
+def reprojection_panel(calibrated: CameraCalibration) -> Panel:
     """Show the residuals of all corners that were used, enlarged."""
     camera = calibrated.camera
     used = [one for one in calibrated.views if one.used]

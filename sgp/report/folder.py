@@ -10,8 +10,7 @@ from typing import Final, Literal
 
 import acquisition
 import rig
-from sgp.results.hashes import sha256
-from sgp.results.record import ResultRecord, is_record, read_record
+from sgp.results import ResultRecord, is_record, read_record, sha256
 
 # Of the folders of `sgp run`; the first one that has a map counts.
 _STAGES: Final = ("", "normals", "detail", "surface", "curvature")

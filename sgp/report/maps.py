@@ -12,8 +12,7 @@ import numpy as np
 import acquisition
 import rig
 from rig.arrays import AnyArray, Bool, Int64
-from sgp.pictures.crop import Crop
-from sgp.pictures.jumps import JUMP_DOWN
+from sgp.pictures import JUMP_DOWN, Crop
 from sgp.report.folder import ResultFolder, noted
 from sgp.report.kinds import ALBEDO, HEIGHT, MASKS, NUMBERS, VECTORS, quantiser
 from sgp.report.large_maps import Values, known, read_map, read_vectors

@@ -13,11 +13,11 @@ import numpy as np
 import acquisition
 import rig
 from rig.arrays import AnyArray, Float32, Int64
-from sgp.pictures.crop import Crop
+from sgp.pictures import Crop
 from sgp.report.folder import Inputs, ResultFolder, changed_notice, noted
 from sgp.report.maps import Embedded
 from sgp.report.prerendered import jpeg, reduced
-from sgp.results.recordings import recordings_of
+from sgp.results import recordings_of
 
 _MOST_IMAGES: Final = 40
 _SIDE_PX: Final = 420

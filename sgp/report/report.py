@@ -27,7 +27,7 @@ from sgp.report.recording import Recording, read_bare_recording, read_recording
 from sgp.report.scripts import VIEWS
 from sgp.report.sections import Part, identity_list, image_id, marked, sections
 from sgp.report.source_maps import Companion, companions
-from sgp.results.result import Result
+from sgp.results import Result
 
 _PIXELS: Final = 1_300_000
 _FEWEST_PIXELS: Final = 1000

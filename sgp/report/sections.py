@@ -13,7 +13,7 @@ from sgp.report.html import Html, details, tag
 from sgp.report.lights import lights_section
 from sgp.report.maps import Embedded
 from sgp.report.recording import Image, Recording
-from sgp.results.record import ResultRecord
+from sgp.results import ResultRecord
 
 _NOT_GIVEN: Final[tuple[object, ...]] = (None, False, [], "")
 _SEVERITIES: Final = {"error": "Error", "warning": "Warning", "info": "Note"}

@@ -11,7 +11,7 @@ from rig.arrays import Bool
 from sgp.cli.options import Green
 from sgp.report.folder import Inputs, ResultFolder, changed_notice, noted
 from sgp.report.large_maps import Values, read_vectors
-from sgp.results.record import ResultRecord
+from sgp.results import ResultRecord
 
 Companion = tuple[str, Values, Bool]
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import acquisition
 import rig
-from sgp.results.result import Result
+from sgp.results import Result
 
 _MOST_GROUPS = 8
 

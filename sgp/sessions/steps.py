@@ -14,7 +14,7 @@ import rig as rigs
 from sgp.cli.console import note, with_progress
 from sgp.cli.exit import UsageError
 from sgp.cli.options import Real
-from sgp.results.result import Result
+from sgp.results import Result
 
 Metering = Literal["each", "one"]
 _Percentile = Annotated[Real, Parameter(validator=Number(gt=0, lte=100))]

@@ -13,7 +13,7 @@ import processing
 import rig
 from sgp.cli.console import Stages
 from sgp.cli.options import Green
-from sgp.results.hashes import input_hashes
+from sgp.results import input_hashes
 from sgp.stages.given_normals import with_remedy
 from sgp.stages.memory_limit import Limit, identity, other_maps_refused
 

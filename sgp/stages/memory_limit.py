@@ -12,8 +12,7 @@ import acquisition
 import processing
 import rig
 from sgp.cli.exit import UsageError
-from sgp.results.hashes import input_hashes
-from sgp.results.result import plain
+from sgp.results import input_hashes, plain
 
 
 def is_in_bands(memory: int | None, need: processing.stages.Need) -> bool:

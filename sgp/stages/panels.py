@@ -8,18 +8,18 @@ import numpy as np
 
 import acquisition
 from rig.arrays import Bool, Float32, Generic
-from sgp.pictures.crop import Crop
-from sgp.pictures.lights import lights_panel
-from sgp.pictures.maps import (
+from sgp.pictures import (
+    Crop,
     Masked,
+    Panel,
     detail_panel,
     image_panel,
+    lights_panel,
     map_panel,
     normals_panel,
     shaded_panel,
 )
-from sgp.pictures.sheet import Panel
-from sgp.results.stage_metrics import NormalsMetrics
+from sgp.results import NormalsMetrics
 
 # The files of the stages that are drawn.
 DRAWN = {

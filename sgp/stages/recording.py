@@ -20,8 +20,8 @@ from sgp.cli.options import (
     transfer_files,
     transfer_of,
 )
-from sgp.results.hashes import input_hashes
-from sgp.rigs.rig_lights import given_lights, led_positions, rig_notices, rig_with_positions
+from sgp.results import input_hashes
+from sgp.rigs import given_lights, led_positions, rig_notices, rig_with_positions
 from sgp.stages.spheres import SphereLights, light_by_spheres
 
 _FEWEST_IMAGES = 3

@@ -13,11 +13,8 @@ import acquisition
 import processing
 import rig
 from rig.arrays import Bool, Float32, Float64
-from sgp.pictures.crop import Crop
-from sgp.pictures.maps import image_panel, map_panel
-from sgp.pictures.sheet import write_overview
-from sgp.results.metrics import RtiMetrics, figures_of
-from sgp.results.result import Result
+from sgp.pictures import Crop, image_panel, map_panel, write_overview
+from sgp.results import Result, RtiMetrics, figures_of
 from sgp.stages.options import RelightOptions
 from sgp.stages.result_source import NormalsResult, open_source_of
 

@@ -11,9 +11,7 @@ from pydantic import JsonValue
 import acquisition
 from sgp.cli.exit import UsageError
 from sgp.cli.options import RIG_LIGHTS, RecordingOptions
-from sgp.results.hashes import sha256
-from sgp.results.record import ResultRecord, read_record
-from sgp.results.recordings import CALIBRATIONS
+from sgp.results import CALIBRATIONS, ResultRecord, read_record, sha256
 from sgp.stages.recording import Recording, open_recording, with_scale
 
 _RECORD = "normals.json"

@@ -16,14 +16,17 @@ import rig
 from rig.arrays import Bool, UInt8
 from sgp.cli.console import note
 from sgp.cli.options import SourceOptions
-from sgp.pictures.crop import Crop
-from sgp.pictures.sheet import Panel
-from sgp.results.hashes import output_fault
-from sgp.results.metrics import StagesMetrics
-from sgp.results.output import claim_folder, write_record
-from sgp.results.record import read_record
-from sgp.results.result import Result, dumps
-from sgp.results.stage_metrics import NormalsMetrics
+from sgp.pictures import Crop, Panel
+from sgp.results import (
+    NormalsMetrics,
+    Result,
+    StagesMetrics,
+    claim_folder,
+    dumps,
+    output_fault,
+    read_record,
+    write_record,
+)
 from sgp.stages.maps import MapInput, stage_maps
 from sgp.stages.memory_limit import Limit, identity, is_in_bands, other_maps_refused
 from sgp.stages.options import MapOptions, SeparationOptions, SurfaceOptions

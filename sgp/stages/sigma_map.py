@@ -11,7 +11,7 @@ import acquisition
 import processing
 import rig
 from rig.arrays import AnyArray, Bool, Float32
-from sgp.results.record import records_of
+from sgp.results import records_of
 
 _NAME = "normal_sigma_deg"
 # Earlier versions wrote values above that of a uniform direction; they count as this.

@@ -15,9 +15,7 @@ import rig
 from rig.arrays import Float32
 from sgp.cli.console import Stages
 from sgp.cli.threads import opencv_threads
-from sgp.results.metrics import SpheresMetrics
-from sgp.results.output import complete_provenance
-from sgp.results.result import Result
+from sgp.results import Result, SpheresMetrics, complete_provenance
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +174,7 @@ def describe_spheres(
 
 def _say_errors(lights: acquisition.Lights) -> list[str]:
     """Return a line with the standard deviations of the lights along their longest axes."""
-    from sgp.pictures.light_errors import longest_sigmas
+    from sgp.pictures import longest_sigmas
 
     sigma = longest_sigmas(lights)
     if sigma is None:
@@ -199,9 +197,14 @@ def draw_spheres(
 
     There is one such ``(H, W)`` for each recording.
     """
-    from sgp.pictures.light_errors import ellipsoids_panel, residuals_panel
-    from sgp.pictures.lights import lights_panel, spheres_panel
-    from sgp.pictures.sheet import source_title, write_overview
+    from sgp.pictures import (
+        ellipsoids_panel,
+        lights_panel,
+        residuals_panel,
+        source_title,
+        spheres_panel,
+        write_overview,
+    )
 
     title = "spheres and highlights"
     panels = [
@@ -224,8 +227,7 @@ def draw_candidates(
     candidates: Sequence[calibration.spheres.SphereCandidate],
 ) -> None:
     """Write a picture of numbered circles that may be spheres, and why each was not used."""
-    from sgp.pictures.lights import candidates_panel, reasons_panel
-    from sgp.pictures.sheet import source_title, write_overview
+    from sgp.pictures import candidates_panel, reasons_panel, source_title, write_overview
 
     panels = [candidates_panel(brightest, candidates), reasons_panel(candidates)]
     write_overview(path, source_title(source, str(source.path)), panels, columns=2)

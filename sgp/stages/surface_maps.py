@@ -18,9 +18,7 @@ import rig
 from rig.arrays import Bool, Float32, UInt8
 from sgp.cli.console import Stages
 from sgp.cli.exit import UsageError
-from sgp.results.hashes import input_hashes, sha256
-from sgp.results.output import claim_folder
-from sgp.results.result import Result
+from sgp.results import Result, claim_folder, input_hashes, sha256
 from sgp.stages.memory_limit import identity, is_in_bands, other_maps_refused, size_text
 from sgp.stages.options import SurfaceOptions
 from sgp.stages.sigma_map import read_sigma

@@ -11,10 +11,16 @@ import acquisition
 import processing
 from rig.arrays import Bool
 from sgp.cli.console import shown
-from sgp.results.output import provenance
-from sgp.results.quality import add_quality, add_uncertainty, quality_lines, sigma_lines
-from sgp.results.result import Result
-from sgp.results.stage_metrics import NormalsMetrics, SeparationMetrics
+from sgp.results import (
+    NormalsMetrics,
+    Result,
+    SeparationMetrics,
+    add_quality,
+    add_uncertainty,
+    provenance,
+    quality_lines,
+    sigma_lines,
+)
 from sgp.stages.options import MAPS, MapOptions
 
 _WRITERS = 2  # files that are encoded at the same time

@@ -9,7 +9,7 @@ import numpy as np
 import acquisition
 import processing
 from rig.arrays import Float32, UInt8
-from sgp.results.stage_metrics import SurfaceMetrics
+from sgp.results import SurfaceMetrics
 
 # The picture of the curl is saturated at this many robust standard deviations.
 _SATURATED = 4

@@ -11,7 +11,7 @@ import acquisition
 import processing
 import rig
 from sgp.cli.console import shown
-from sgp.results.stage_metrics import MeshMetrics
+from sgp.results import MeshMetrics
 from sgp.stages.options import SurfaceOptions
 
 SOLID = "solid.stl"

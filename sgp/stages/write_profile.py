@@ -10,10 +10,8 @@ import numpy as np
 
 import acquisition
 import processing
-from sgp.pictures.maps import signed_panel
-from sgp.pictures.sheet import Panel, add_scale, set_plot_area, write_overview
-from sgp.results.metrics import HeightProfileMetrics
-from sgp.results.result import Result
+from sgp.pictures import Panel, add_scale, set_plot_area, signed_panel, write_overview
+from sgp.results import HeightProfileMetrics, Result
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,11 +9,8 @@ import numpy as np
 import acquisition
 import processing
 from rig.arrays import AnyArray, Bool
-from sgp.pictures.crop import Crop
-from sgp.pictures.maps import Masked, lit_panel, map_panel
-from sgp.pictures.sheet import write_overview
-from sgp.results.metrics import SuperresMetrics
-from sgp.results.result import Result
+from sgp.pictures import Crop, Masked, lit_panel, map_panel, write_overview
+from sgp.results import Result, SuperresMetrics
 
 # Side of the part that is shown at its own resolution, and of the blocks in which it is found.
 _PART_PX, _BLOCK_PX = 240, 16

@@ -10,9 +10,8 @@ import acquisition
 import processing
 import rig
 from sgp.cli.console import shown
-from sgp.pictures.jumps import write_jumps
-from sgp.results.result import Result
-from sgp.results.stage_metrics import SurfaceMetrics
+from sgp.pictures import write_jumps
+from sgp.results import Result, SurfaceMetrics
 from sgp.stages.options import SurfaceOptions
 from sgp.stages.write_doubts import add_height_sigma, height_sigma_lines, write_curl
 from sgp.stages.write_meshes import write_meshes

@@ -12,11 +12,8 @@ import acquisition
 import processing
 from rig.arrays import Bool
 from sgp.cli.console import Stages, shown
-from sgp.pictures.crop import Crop
-from sgp.pictures.maps import lit_panel
-from sgp.pictures.sheet import write_overview
-from sgp.results.metrics import SynthesisMetrics, figures_of
-from sgp.results.result import Result
+from sgp.pictures import Crop, lit_panel, write_overview
+from sgp.results import Result, SynthesisMetrics, figures_of
 
 _MOST_SHOWN = 700  # pixels of a side of a picture
 

@@ -11,11 +11,8 @@ import acquisition
 import processing
 import rig
 from rig.arrays import Bool
-from sgp.pictures.crop import Crop
-from sgp.pictures.maps import map_panel, normals_panel
-from sgp.pictures.sheet import write_overview
-from sgp.results.metrics import TransferMetrics, figures_of
-from sgp.results.result import Result
+from sgp.pictures import Crop, map_panel, normals_panel, write_overview
+from sgp.results import Result, TransferMetrics, figures_of
 from sgp.stages.maps import StageMaps
 
 

@@ -12,7 +12,7 @@ import acquisition
 import processing
 import rig
 from sgp.cli.exit import UsageError
-from sgp.results.result import dumps
+from sgp.results import dumps
 from sgp.training.judgement import Judgement
 from sgp.training.presets import CORRECTED, HELD_OUT, Task
 from sgp.training.rdn import onnx_bytes

@@ -352,7 +352,7 @@ def log_of(x: np.float32) -> np.float32:
     pattern = np.float32(x).view(np.int32)
     exponent = (pattern - _ROOT_HALF_BITS) >> 23
     f = np.int32(pattern - (exponent << 23)).view(np.float32) - _ONE
-    tail = _polynomial(f, _LOG)
+    tail: np.float32 = _polynomial(f, _LOG)
     return np.float32(exponent) * _LN_2 + (f - _HALF * f * f + f * f * f * tail)
 
 

@@ -176,8 +176,8 @@ def _smooth(x: float, y: float, seed: int) -> float:
     i, j = math.floor(x), math.floor(y)
     u, v = x - i, y - j
     u, v = u * u * (3.0 - 2.0 * u), v * v * (3.0 - 2.0 * v)
-    near = _chance(i, j, seed) * (1.0 - u) + _chance(i + 1, j, seed) * u
-    far = _chance(i, j + 1, seed) * (1.0 - u) + _chance(i + 1, j + 1, seed) * u
+    near: float = _chance(i, j, seed) * (1.0 - u) + _chance(i + 1, j, seed) * u
+    far: float = _chance(i, j + 1, seed) * (1.0 - u) + _chance(i + 1, j + 1, seed) * u
     return near * (1.0 - v) + far * v
 
 

@@ -27,8 +27,7 @@ from acquisition.engine import check_resume, rehearse
 from acquisition.exports import prepare_export
 from acquisition.session import GENESIS, compact_session, damaged_frames
 from rig import RigError
-from sgp.sessions.session_sheet import write_session_sheet
-from sgp.sessions.session_summary import describe
+from sgp.sessions import describe, write_session_sheet
 from tests.acquisition.fake_bench import Bench, rig_on
 
 DECLARED = (DataError, MissingPathError, StorageError, RigError)

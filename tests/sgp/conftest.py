@@ -13,8 +13,8 @@ import pytest
 from acquisition import Lights, write_lights, write_png
 from sgp import read_record
 from sgp.app import build, run
-from sgp.results.metrics import COMMANDS, RECORD_FORMAT
-from sgp.results.record import check_metrics
+from sgp.results import COMMANDS, check_metrics
+from sgp.results.metrics import RECORD_FORMAT
 from tests.sgp.chromium import Browser
 from tests.sgp.small_rig import RIG
 from tests.sgp.virtual_bench import Bench

@@ -10,9 +10,8 @@ import numpy as np
 
 from acquisition import write_exr, write_mask, write_png
 from processing import NormalMap, ShapeFilter, separate, write_normals
-from sgp.report.planes import Plane, vectors_plane
-from sgp.results.output import write_record
-from sgp.results.result import Result
+from sgp.report import Plane, vectors_plane
+from sgp.results import Result, write_record
 from tests.sgp.test_report_planes import vectors_of
 
 SIZE = (90, 110)

@@ -16,17 +16,25 @@ import acquisition
 import rig
 from acquisition import DataError, StorageError, import_frames, read_source
 from acquisition.session import compact_session
+from sgp.batch import (
+    BatchProgress,
+    Outcome,
+    Recipe,
+    Stage,
+    States,
+    Task,
+    csv_table,
+    html_table,
+    names_of,
+    option_words,
+    perform,
+    read_recipe,
+    reason_to_run,
+)
 from sgp.batch.files import Stamp, difference, stamps
-from sgp.batch.progress import BatchProgress
-from sgp.batch.recipe import Recipe, option_words, read_recipe
-from sgp.batch.state import States, reason_to_run
-from sgp.batch.tables import csv_table, html_table
-from sgp.batch.task import Outcome, Stage, Task, names_of
-from sgp.batch.task_run import perform
 from sgp.cli.exit import UsageError
 from sgp.commands.batch import _task
-from sgp.results.hashes import sha256
-from sgp.results.result import Result
+from sgp.results import Result, sha256
 
 SOFTWARE = acquisition.files.software_version()
 

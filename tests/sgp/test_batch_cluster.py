@@ -17,9 +17,8 @@ from types import SimpleNamespace
 import pytest
 
 import acquisition
-from sgp.batch import cluster
+from sgp.batch import Outcome, cluster
 from sgp.batch.cluster import _checked, _probe
-from sgp.batch.task import Outcome
 from sgp.cli.exit import ClusterError, UsageError
 from tests.sgp.test_cli_batch import recipe as recipe
 from tests.sgp.test_cli_batch import table, wait_for

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from sgp.sessions.operator_messages import CaptureTalk
-from sgp.sessions.resume_command import ResumeCommand
+from sgp.sessions import CaptureTalk, ResumeCommand
 
 GOLDEN = Path(__file__).parents[1] / "acquisition" / "golden_session_3"
 

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from acquisition import read_image, write_png
-from sgp.batch.task_run import perform
+from sgp.batch import perform
 from tests.quick_sample import quick
 from tests.sgp.conftest import ball, ring_lights
 

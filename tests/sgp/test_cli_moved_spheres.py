@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from acquisition import read_lights, write_png
-from sgp.calibrate.sphere_marks import Marks, marks_of
+from sgp.calibrate import Marks, marks_of
 from tests.calibration.moved import masks, rendered, write_folder
 
 

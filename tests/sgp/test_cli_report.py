@@ -9,12 +9,9 @@ import pytest
 
 from acquisition import write_exr
 from rig import MAX_PIXELS
-from sgp.report import large_maps
+from sgp.report import FolderMaps, embed, large_maps, make_report, read_folder
 from sgp.report import maps as maps_module
 from sgp.report import report as report_module
-from sgp.report.folder import read_folder
-from sgp.report.maps import FolderMaps, embed
-from sgp.report.report import make_report
 from sgp.report.scripts import asset
 from tests.sgp.report_folder import SIZE, write_folder
 

@@ -11,7 +11,7 @@ import pytest
 
 from acquisition import Session, read_lights
 from sgp.app import build, run
-from sgp.rigs.rig_lights import led_positions, rig_notices
+from sgp.rigs import led_positions, rig_notices
 
 
 @pytest.fixture(scope="module")

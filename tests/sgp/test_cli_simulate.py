@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from acquisition import Session, read_image, read_source
-from sgp.sessions.simulation import metered_exposures
+from sgp.sessions import metered_exposures
 from simulator import SCENES, render, scene_named
 
 SMALL = ("--size", "96x80", "--led-count", "8")

@@ -13,7 +13,7 @@ import rig.board.ports
 from acquisition import Session
 from rig.config import rig_names
 from sgp.app import build
-from sgp.rigs.user_config import config_path
+from sgp.rigs import config_path
 from tests.sgp.small_rig import RIG
 
 GOLDEN = Path(__file__).parents[1] / "acquisition" / "golden_session_3"

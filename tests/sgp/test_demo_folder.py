@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 from sgp.cli.exit import UsageError
-from sgp.results.demo_folder import MARK, claimed
+from sgp.results import claimed
+from sgp.results.demo_folder import MARK
 
 # A demo that is killed in its second stage.
 KILLED = """

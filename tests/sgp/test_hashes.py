@@ -13,7 +13,7 @@ import rig
 from acquisition import DataError
 from rig import read_bounded
 from rig.files import files_read, status_when_read
-from sgp.results.hashes import input_hashes, output_files
+from sgp.results import input_hashes, output_files
 
 
 def replace(path: Path, content: bytes = b"new") -> None:

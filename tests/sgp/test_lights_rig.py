@@ -13,7 +13,7 @@ import acquisition
 from rig import RigConfig, read_rig_config
 from sgp.cli.exit import UsageError
 from sgp.cli.options import RIG_LIGHTS
-from sgp.rigs.rig_lights import given_lights
+from sgp.rigs import given_lights
 
 PLACES = [[300, 0, 300], [0, 310, 300], [-280, 0, 300], [0, -305, 310]]
 GOLDEN = Path(__file__).parents[1] / "acquisition" / "golden_session_3"

@@ -10,9 +10,9 @@ from typing import Any, Literal, NotRequired, get_args, get_origin, get_type_hin
 
 from typing_extensions import get_original_bases, is_typeddict
 
+from sgp.results import COMMANDS
 from sgp.results import metrics as _metrics
 from sgp.results import stage_metrics as _stage_metrics
-from sgp.results.metrics import COMMANDS
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "result-format.md"
 NAMES = {int: "integer", float: "number", str: "text", bool: "boolean"}

@@ -11,8 +11,7 @@ import pytest
 from acquisition import Session
 from acquisition.preflights import Check, Preflight
 from rig import RigError
-from sgp.sessions.resume_command import ResumeCommand
-from sgp.sessions.steps import Preparation, accept
+from sgp.sessions import Preparation, ResumeCommand, accept
 from tests.sgp.small_rig import RIG, interrupted
 
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from acquisition import read_image
-from sgp.pictures.crop import Crop
-from sgp.pictures.maps import map_panel, signed_panel
-from sgp.pictures.sheet import Panel, sheet, text_size, write_overview
+from sgp.pictures import Crop, Panel, map_panel, signed_panel, write_overview
+from sgp.pictures.sheet import sheet, text_size
 from tests.quick_sample import quick
 
 

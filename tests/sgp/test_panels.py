@@ -11,18 +11,20 @@ from matplotlib.patches import Ellipse
 from acquisition import LightErrors, Lights
 from processing import HeightProfile, NormalMap
 from sgp.commands.compare import distinct_names
-from sgp.pictures.crop import Crop
-from sgp.pictures.light_errors import ellipsoids_panel, residuals_panel
-from sgp.pictures.lights import lights_panel, short_names
-from sgp.pictures.maps import (
-    bar_mm,
+from sgp.pictures import (
+    Crop,
     detail_panel,
+    ellipsoids_panel,
     image_panel,
+    lights_panel,
     map_panel,
     normals_panel,
+    residuals_panel,
     shaded_panel,
     signed_panel,
 )
+from sgp.pictures.lights import short_names
+from sgp.pictures.maps import bar_mm
 from sgp.pictures.sheet import sheet
 from sgp.stages.write_profile import profile_panels
 

@@ -12,9 +12,8 @@ import processing
 from sgp.app import build, run
 from sgp.cli import console as _console
 from sgp.cli.console import Stages, shown
-from sgp.pictures.sheet import Panel, write_overview
-from sgp.stages.recording import Stopwatch, open_source
-from sgp.stages.run_stages import RunOptions, processed
+from sgp.pictures import Panel, write_overview
+from sgp.stages import RunOptions, Stopwatch, open_source, processed
 
 
 def dome(size: int = 48) -> processing.NormalMap:

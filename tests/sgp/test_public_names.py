@@ -13,7 +13,7 @@ from tests.public_names import NAMESPACES, ROOMS, namespaces
 HEAVY = ("numpy", "scipy", "cv2", "numba", "OpenImageIO", "pydantic", "harvesters", "rawpy")
 
 
-@pytest.mark.parametrize("place", [*ROOMS, *NAMESPACES])
+@pytest.mark.parametrize("place", [*ROOMS, *NAMESPACES, *namespaces("sgp")])
 def test_every_public_name_exists(place):
     module = importlib.import_module(place)
     assert set(module.__all__) <= set(dir(module))

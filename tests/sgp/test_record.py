@@ -15,9 +15,7 @@ from pydantic import ValidationError
 from acquisition import DataError, MissingPathError
 from rig import Notice
 from sgp import read_record
-from sgp.results.output import write_record
-from sgp.results.record import check_metrics
-from sgp.results.result import Result, plain
+from sgp.results import Result, check_metrics, plain, write_record
 
 GOLDEN = """{
   "format": "sgp-result",

@@ -11,9 +11,7 @@ import pytest
 from acquisition import Identity, Labels, import_frames, read_source, write_png
 from sgp import read_record
 from sgp.report.sections import identity_list, marked
-from sgp.results.output import write_record
-from sgp.results.recordings import recordings_of
-from sgp.results.result import Result
+from sgp.results import Result, recordings_of, write_record
 
 OWL = Identity("owl", "Ada", "storage", "clean", "CC BY", "2026-03-14T09:26:00+00:00")
 

@@ -10,11 +10,11 @@ import pytest
 from acquisition import CameraModel
 from processing import NormalMap, integrate
 from rig import MAX_PIXELS
-from sgp.pictures.crop import Crop
-from sgp.report.folder import read_folder
-from sgp.report.maps import FolderMaps, camera_of, embed, height_differences, jumps_plane
-from sgp.results.output import write_record
-from sgp.stages.options import SurfaceOptions
+from sgp.pictures import Crop
+from sgp.report import FolderMaps, embed, read_folder
+from sgp.report.maps import camera_of, height_differences, jumps_plane
+from sgp.results import write_record
+from sgp.stages import SurfaceOptions
 from sgp.stages.write_surface import write_surface
 from tests.sgp.report_folder import PIXEL_MM, write_folder
 

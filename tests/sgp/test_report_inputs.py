@@ -12,10 +12,9 @@ import numpy as np
 import pytest
 
 from rig import MAX_PIXELS
-from sgp.report import large_maps
+from sgp.report import large_maps, make_report
 from sgp.report.folder import ResultFolder
 from sgp.report.recording import Image, Recording
-from sgp.report.report import make_report
 from sgp.report.sections import Part, sections
 from sgp.report.source_maps import companions
 from tests.sgp.report_folder import write_folder, write_recording

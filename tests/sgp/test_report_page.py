@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from rig import MAX_PIXELS
-from sgp.report.folder import read_folder
-from sgp.report.maps import FolderMaps, embed
+from sgp.report import FolderMaps, embed, read_folder
 from tests.sgp.chromium import MISSING, PROGRAM, WINDOW, Browser
 from tests.sgp.report_folder import shaded, write_folder
 

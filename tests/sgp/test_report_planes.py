@@ -12,10 +12,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from acquisition import angle_deg
+from sgp.report import Plane, vectors_plane
 from sgp.report.html import Html, joined, script_json, tag, text
 from sgp.report.lights import bar_chart
 from sgp.report.page import colour_maps
-from sgp.report.planes import VECTOR_STEPS, Plane, colour_plane, scalar_plane, vectors_plane
+from sgp.report.planes import VECTOR_STEPS, colour_plane, scalar_plane
 from sgp.report.scripts import LinkError, linked
 
 

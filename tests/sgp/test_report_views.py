@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 
 from rig import MAX_PIXELS
+from sgp.report import FolderMaps, embed, make_report, read_folder
 from sgp.report import planes as planes_module
 from sgp.report import report as report_module
-from sgp.report.folder import read_folder
-from sgp.report.maps import FolderMaps, embed
-from sgp.report.report import make_report
 from tests.sgp.chromium import MISSING, PROGRAM, WINDOW, Browser
 from tests.sgp.report_folder import (
     frame_level,

@@ -9,7 +9,7 @@ import pytest
 import sgp.commands.run as sgp_run
 from acquisition import Session, read_image, read_source, write_lights
 from acquisition.session import CameraRecord, Manifest, RigRecord
-from sgp.pictures.sheet import source_title
+from sgp.pictures import source_title
 from tests.quick_sample import quick
 from tests.sgp.conftest import ring_lights
 

@@ -7,8 +7,8 @@ import pytest
 
 import processing
 from rig import no_progress
-from sgp.training.judgement import Measured, fitted_deviations, judged, measure
-from sgp.training.presets import HELD_OUT
+from sgp.training import HELD_OUT, fitted_deviations, judged, measure
+from sgp.training.judgement import Measured
 
 
 def errors_of(seed: int, count: int = 40_000) -> Measured:

@@ -14,11 +14,21 @@ from hypothesis import strategies as st
 import processing
 from rig import no_progress
 from sgp.cli.exit import UsageError
-from sgp.training.files import claim_work, remove_work
+from sgp.training import (
+    CORRECTED,
+    HELD_OUT,
+    PRESETS,
+    RdnSize,
+    Task,
+    claim_work,
+    make_pairs,
+    remove_work,
+    weight_shapes,
+)
 from sgp.training.judgement import surface
-from sgp.training.pairs import SYMMETRIES, averaged, batch, make_pairs, pair, turned
-from sgp.training.presets import CORRECTED, HELD_OUT, PRESETS, REPORTED, Task
-from sgp.training.rdn import OUTPUTS, RdnSize, weight_shapes
+from sgp.training.pairs import SYMMETRIES, averaged, batch, pair, turned
+from sgp.training.presets import REPORTED
+from sgp.training.rdn import OUTPUTS
 from simulator import random_normals
 from simulator.reliefs import rugged_normals
 

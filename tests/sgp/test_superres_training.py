@@ -19,9 +19,7 @@ import numpy as np
 import pytest
 
 from rig import no_progress
-from sgp.training.pairs import make_pairs
-from sgp.training.presets import PRESETS, Task
-from sgp.training.rdn import RdnSize, weight_shapes
+from sgp.training import PRESETS, RdnSize, Task, make_pairs, weight_shapes
 from simulator import random_normals
 from simulator.reliefs import rugged_normals
 
@@ -58,7 +56,8 @@ def tiny(monkeypatch):
 def test_opencv_computes_what_torch_computes(scale, upsampling):
     import torch
 
-    from sgp.training.rdn import first_weights, forward, onnx_bytes
+    from sgp.training import first_weights, forward
+    from sgp.training.rdn import onnx_bytes
 
     size = RdnSize(scale, 2, 3, 24, 20, upsampling)
     random = torch.Generator().manual_seed(4)
@@ -79,7 +78,7 @@ def test_opencv_computes_what_torch_computes(scale, upsampling):
 def test_an_untrained_network_is_bicubic_interpolation():
     import torch
 
-    from sgp.training.rdn import first_weights, forward
+    from sgp.training import first_weights, forward
 
     for scale in (2, 4):
         size = PRESETS["small"].size(scale)
@@ -92,7 +91,7 @@ def test_an_untrained_network_is_bicubic_interpolation():
 def test_weights_have_an_effect_as_far_as_the_halo():
     import torch
 
-    from sgp.training.rdn import first_weights, forward
+    from sgp.training import first_weights, forward
 
     for upsampling in ("direct", "convolved"):
         size = RdnSize(2, 1, 2, 8, 8, upsampling)
@@ -113,7 +112,7 @@ class KilledError(Exception):
 
 @pytest.mark.parametrize("last", [8, 11], ids=["first part", "second part"])
 def test_a_killed_training_continues_to_the_same_weights(tmp_path, last):
-    from sgp.training.steps import train
+    from sgp.training import train
 
     task = Task(4, "detail", 0, "small", 12)
     pairs = make_pairs(
@@ -146,7 +145,7 @@ def test_damaged_checkpoints_are_named(tmp_path, damage):
     import torch
 
     from acquisition import DataError
-    from sgp.training.steps import train
+    from sgp.training import train
 
     task = Task(4, "normals", 0, "small", 2)
     pairs = make_pairs(

@@ -1,0 +1,9 @@
+from .rig_lights import given_lights as given_lights
+from .rig_lights import led_positions as led_positions
+from .rig_lights import rig_notices as rig_notices
+from .rig_lights import rig_with_positions as rig_with_positions
+from .user_config import chosen_operator as chosen_operator
+from .user_config import chosen_rig as chosen_rig
+from .user_config import config_path as config_path
+from .user_config import default_rig as default_rig
+from .user_config import how_to_configure as how_to_configure
