@@ -24,6 +24,7 @@ from acquisition import (
 from acquisition.pixels import write_tiff
 from acquisition.source.image_folder import numbered_series
 from acquisition.values import Calibrated
+from tests.cases import cases
 
 DATA = os.environ.get("SGP_DATA")
 needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of real data")
@@ -76,33 +77,27 @@ def test_natural_order_mask_and_ignored(tmp_path: Path) -> None:
     assert source.warnings == ()
 
 
-@pytest.mark.parametrize(
+@cases(
     ("names", "expected"),
-    [
-        pytest.param(["a.2.png", "a.10.png"], ["a.2.png", "a.10.png"], id="by number"),
-        pytest.param(["a08.png", "a7.png"], ["a7.png", "a08.png"], id="leading zeros"),
-        pytest.param(["2.png", "1.png"], ["1.png", "2.png"], id="numbers alone"),
-        pytest.param(
+    {
+        "by number": (["a.2.png", "a.10.png"], ["a.2.png", "a.10.png"]),
+        "leading zeros": (["a08.png", "a7.png"], ["a7.png", "a08.png"]),
+        "numbers alone": (["2.png", "1.png"], ["1.png", "2.png"]),
+        "the number that varies": (
             ["L00_E0.png", "L02_E0.png", "L01_E0.png", "D_E0.png"],
             ["L00_E0.png", "L01_E0.png", "L02_E0.png"],
-            id="the number that varies",
         ),
-        pytest.param(["x2_1.png", "x2_2.png"], ["x2_1.png", "x2_2.png"], id="a fixed number too"),
-        pytest.param(
-            ["a.1.png", "a.2.png", "b.1.png"], ["a.1.png", "a.2.png"], id="most numerous stem"
-        ),
-        pytest.param(
-            ["a.1.png", "a.2.tif", "a.3.png"], ["a.1.png", "a.3.png"], id="most numerous suffix"
-        ),
-        pytest.param(
+        "a fixed number too": (["x2_1.png", "x2_2.png"], ["x2_1.png", "x2_2.png"]),
+        "most numerous stem": (["a.1.png", "a.2.png", "b.1.png"], ["a.1.png", "a.2.png"]),
+        "most numerous suffix": (["a.1.png", "a.2.tif", "a.3.png"], ["a.1.png", "a.3.png"]),
+        "two numbers that vary": (
             ["L2_t60.png", "L10_t30.png", "L9_t60.png"],
             ["L2_t60.png", "L9_t60.png", "L10_t30.png"],
-            id="two numbers that vary",
         ),
-        pytest.param(["A.1.PNG", "a.2.png"], ["A.1.PNG", "a.2.png"], id="any case"),
-        pytest.param(["cat.png"], [], id="no number"),
-        pytest.param(["cat.1.txt"], [], id="no image"),
-    ],
+        "any case": (["A.1.PNG", "a.2.png"], ["A.1.PNG", "a.2.png"]),
+        "no number": (["cat.png"], []),
+        "no image": (["cat.1.txt"], []),
+    },
 )
 def test_series(tmp_path: Path, names: list[str], expected: list[str]) -> None:
     for name in names:
@@ -110,12 +105,12 @@ def test_series(tmp_path: Path, names: list[str], expected: list[str]) -> None:
     assert [path.name for path in numbered_series(sorted(tmp_path.iterdir()))] == expected
 
 
-@pytest.mark.parametrize(
+@cases(
     "names",
-    [
-        pytest.param(["a.1.png", "a.2.png", "b.1.png", "b.2.png"], id="two stems"),
-        pytest.param([f"L{i}_E{e}.png" for i in range(3) for e in range(3)], id="brackets"),
-    ],
+    {
+        "two stems": ["a.1.png", "a.2.png", "b.1.png", "b.2.png"],
+        "brackets": [f"L{i}_E{e}.png" for i in range(3) for e in range(3)],
+    },
 )
 def test_two_series_of_equal_length_are_refused(tmp_path: Path, names: list[str]) -> None:
     for name in names:
@@ -214,15 +209,15 @@ def test_names_with_words_after_dots_find_their_lights(tmp_path: Path) -> None:
     assert again.warnings == ()
 
 
-@pytest.mark.parametrize(
+@cases(
     ("known", "unlit"),
-    [
-        pytest.param(("a.0", "a.2", "a.3"), ["a.1"], id="one was left out"),
-        pytest.param(("a.3", "a.0"), ["a.1", "a.2"], id="half of them"),
-        pytest.param(("a.3",), None, id="most of them"),
-        pytest.param(("a.0", "a.2", "b.3"), None, id="another light"),
-        pytest.param(("a.0", "a.2", "A.2.png"), None, id="a light twice"),
-    ],
+    {
+        "one was left out": (("a.0", "a.2", "a.3"), ["a.1"]),
+        "half of them": (("a.3", "a.0"), ["a.1", "a.2"]),
+        "most of them": (("a.3",), None),
+        "another light": (("a.0", "a.2", "b.3"), None),
+        "a light twice": (("a.0", "a.2", "A.2.png"), None),
+    },
 )
 def test_images_of_lights_that_a_calibration_left_out_are_not_used(
     tmp_path: Path, known: tuple[str, ...], unlit: list[str] | None
@@ -245,16 +240,16 @@ def test_images_of_lights_that_a_calibration_left_out_are_not_used(
     assert all(name in warning.text for name in unlit)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("known", "without", "expected"),
-    [
-        pytest.param(range(6), ["1", "4"], [0, 2, 3, 5], id="by name"),
-        pytest.param([0, 2, 3, 4, 5], ["a.1"], [0, 1, 2, 3, 4], id="a light that is missing"),
-        pytest.param([5, 0, 2, 3], ["1", "4"], [1, 2, 3, 0], id="by name, another order"),
-        pytest.param(6, ["1", "4"], [0, 2, 3, 5], id="by order, all images"),
-        pytest.param(4, ["1", "4"], [0, 1, 2, 3], id="by order, the others"),
-        pytest.param(5, ["1", "4"], None, id="other lights"),
-    ],
+    {
+        "by name": (range(6), ["1", "4"], [0, 2, 3, 5]),
+        "a light that is missing": ([0, 2, 3, 4, 5], ["a.1"], [0, 1, 2, 3, 4]),
+        "by name, another order": ([5, 0, 2, 3], ["1", "4"], [1, 2, 3, 0]),
+        "by order, all images": (6, ["1", "4"], [0, 2, 3, 5]),
+        "by order, the others": (4, ["1", "4"], [0, 1, 2, 3]),
+        "other lights": (5, ["1", "4"], None),
+    },
 )
 def test_images_that_are_left_out_need_no_light(
     tmp_path: Path, known: Iterable[int] | int, without: list[str], expected: list[int] | None
@@ -375,15 +370,13 @@ def test_an_lp_without_matching_names_is_matched_by_order(tmp_path: Path) -> Non
     assert "by order" in str(source.warnings[0])
 
 
-@pytest.mark.parametrize(
+@cases(
     ("rows", "match"),
-    [
-        pytest.param(
-            ["img 1.png", "x.png"], r"only 1 of them is there, x\.png is not", id="in part"
-        ),
-        pytest.param(["a.png", "b.png"], "3 images for 2 lights", id="no name, other count"),
-        pytest.param(["img 1.png", "img 1.jpg"], "1 of them is there", id="one image twice"),
-    ],
+    {
+        "in part": (["img 1.png", "x.png"], r"only 1 of them is there, x\.png is not"),
+        "no name, other count": (["a.png", "b.png"], "3 images for 2 lights"),
+        "one image twice": (["img 1.png", "img 1.jpg"], "1 of them is there"),
+    },
 )
 def test_an_lp_that_does_not_match_is_refused(tmp_path: Path, rows: list[str], match: str) -> None:
     with pytest.raises(DataError, match=match):

@@ -19,6 +19,7 @@ from calibration.comparison import compare_with_rig
 from rig import RigConfig
 from rig.arrays import Float64
 from tests.calibration.conftest import codes
+from tests.cases import cases
 from tests.quick_sample import quick
 
 
@@ -97,40 +98,31 @@ SHUFFLED = np.array([5, 8, 0, 11, 1, 3, 9, 4, 10, 2, 7, 6])
 
 @pytest.mark.parametrize("near", quick([True, False], every=2))
 @pytest.mark.parametrize("noise", [0, 1e-3], ids=["exact", "noise"])
-@pytest.mark.parametrize(
+@cases(
     ("change", "expected", "words"),
-    [
-        pytest.param(lambda v: v, [], "", id="nothing"),
-        pytest.param(
-            lambda v: v[SWAPPED], ["lights-swapped"], "LED 7 and 8 are swapped", id="swap"
-        ),
-        pytest.param(
+    {
+        "nothing": (lambda v: v, [], ""),
+        "swap": (lambda v: v[SWAPPED], ["lights-swapped"], "LED 7 and 8 are swapped"),
+        "cycle of three": (
             lambda v: v[CYCLE],
             ["lights-swapped"],
             "LED 1, 2 and 3 are exchanged: LED 1 is at the place of LED 2",
-            id="cycle of three",
         ),
-        pytest.param(lambda v: v[SHUFFLED], ["lights-swapped"], "12 of 12 are at", id="shuffled"),
-        pytest.param(lambda v: v[::-1], ["lights-reversed"], "L00 is at the place of L", id="rev"),
-        pytest.param(
-            lambda v: v * [-1, 1, 1], ["lights-flipped"], "left and right are exch", id="mirrored x"
-        ),
-        pytest.param(
-            lambda v: v * [1, -1, 1], ["lights-flipped"], "top and bottom are exch", id="mirrored y"
-        ),
-        pytest.param(
+        "shuffled": (lambda v: v[SHUFFLED], ["lights-swapped"], "12 of 12 are at"),
+        "rev": (lambda v: v[::-1], ["lights-reversed"], "L00 is at the place of L"),
+        "mirrored x": (lambda v: v * [-1, 1, 1], ["lights-flipped"], "left and right are exch"),
+        "mirrored y": (lambda v: v * [1, -1, 1], ["lights-flipped"], "top and bottom are exch"),
+        "swap and turn": (
             lambda v: v[SWAPPED] @ turned(5, (0, 0, 1)).T,
             ["lights-swapped", "lights-moved-together"],
             "turned together by",
-            id="swap and turn",
         ),
-        pytest.param(
+        "mirrored and turned": (
             lambda v: v * [1, -1, 1] @ turned(5, (0, 0, 1)).T,
             ["lights-flipped", "lights-moved-together"],
             "turned together by",
-            id="mirrored and turned",
         ),
-    ],
+    },
 )
 def test_the_cause_is_named(
     near: bool, noise: float, change: Callable[[Float64], Float64], expected: list[str], words: str
@@ -284,17 +276,16 @@ def test_deviations_of_directions_have_the_distribution_that_they_state() -> Non
     assert np.mean(squares) == pytest.approx(2, abs=0.4)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("other", "match"),
-    [
-        pytest.param(dome(12).distant(), "calibration has positions, the second d", id="kind"),
-        pytest.param(dome(11), "the first calibration has 12 lights, the second 11", id="number"),
-        pytest.param(
+    {
+        "kind": (dome(12).distant(), "calibration has positions, the second d"),
+        "number": (dome(11), "the first calibration has 12 lights, the second 11"),
+        "names": (
             replace(dome(12), ids=tuple(f"L{n:02d}" for n in range(1, 13))),
             "name their lights differently: the second has no L00",
-            id="names",
         ),
-    ],
+    },
 )
 def test_refused(other: Lights, match: str) -> None:
     with pytest.raises(DataError, match=match) as caught:
@@ -381,23 +372,18 @@ def test_directions_that_were_measured_next_to_the_origin_do_not_contradict_a_ri
     assert codes(compare_with_rig(seen, quarter)) == ["lights-moved-together"]
 
 
-@pytest.mark.parametrize(
+@cases(
     ("lights", "rig", "match"),
-    [
-        pytest.param(dome(6), RigConfig(name="r", driver="b"), "no led_positions_mm", id="none"),
-        pytest.param(
-            dome(6), config(np.eye(3) * 100), "light L03 is not one of the 3 LEDs", id="more LEDs"
-        ),
-        pytest.param(
-            replace(dome(2), ids=("a", "b")), config(np.eye(3) * 100), "light a is not", id="names"
-        ),
-        pytest.param(
+    {
+        "none": (dome(6), RigConfig(name="r", driver="b"), "no led_positions_mm"),
+        "more LEDs": (dome(6), config(np.eye(3) * 100), "light L03 is not one of the 3 LEDs"),
+        "names": (replace(dome(2), ids=("a", "b")), config(np.eye(3) * 100), "light a is not"),
+        "twice": (
             replace(dome(2), ids=("L00", "L00_E1")),
             config(np.eye(3) * 100),
             "two lights belong to LED 0",
-            id="twice",
         ),
-    ],
+    },
 )
 def test_rig_file_refused(lights: Lights, rig: RigConfig, match: str) -> None:
     with pytest.raises(DataError, match=match):

@@ -10,6 +10,7 @@ from calibration import EstimateError, Stack, calibrate_moved_spheres, calibrate
 from calibration.spheres import check_recordings, record_setup
 from calibration.spheres.spheres_beside_object import light_difference
 from tests.calibration.moved import RADII_MM, masks, planes, rendered
+from tests.cases import cases
 from tests.quick_sample import quick
 
 
@@ -146,26 +147,21 @@ def model(focal_px=90.0, distance_mm=600.0, width=50):
     return CameraModel(K, width, 40, distance_mm)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("first", "other", "says"),
-    [
-        pytest.param({}, {}, "", id="same"),
-        pytest.param({}, {"camera": model(90.05)}, "", id="as calibrated twice"),
-        pytest.param({}, {"camera": model(90.3)}, "focal length 90 px", id="focal length"),
-        pytest.param(
-            {}, {"camera": model(distance_mm=602)}, "distance 600 mm, now 602 mm", id="distance"
-        ),
-        pytest.param(
-            {"setup": Setup(rig="dome")}, {"setup": Setup(rig="arc")}, "dome, now arc", id="rig"
-        ),
-        pytest.param(
+    {
+        "same": ({}, {}, ""),
+        "as calibrated twice": ({}, {"camera": model(90.05)}, ""),
+        "focal length": ({}, {"camera": model(90.3)}, "focal length 90 px"),
+        "distance": ({}, {"camera": model(distance_mm=602)}, "distance 600 mm, now 602 mm"),
+        "rig": ({"setup": Setup(rig="dome")}, {"setup": Setup(rig="arc")}, "dome, now arc"),
+        "camera": (
             {"setup": Setup(camera_serial="1")},
             {"setup": Setup(camera_serial="2")},
             "serial number 1, now 2",
-            id="camera",
         ),
-        pytest.param({"setup": Setup(rig="dome")}, {"camera": None}, "", id="not stated"),
-    ],
+        "not stated": ({"setup": Setup(rig="dome")}, {"camera": None}, ""),
+    },
 )
 def test_recordings_under_another_rig_or_camera(source, first, other, says):
     sources = [replace(source, **first), replace(source, path=source.path / "b", **other)]

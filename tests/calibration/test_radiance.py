@@ -15,6 +15,7 @@ from acquisition import (
     downscale,
 )
 from calibration import EstimateError, linear_stack
+from tests.cases import cases
 
 BLACK, WHITE = 64.0, 4095.0
 
@@ -92,13 +93,13 @@ def test_sample_saturated_in_every_bracket_is_nan():
     assert np.isnan(values[0, 0, 1])
 
 
-@pytest.mark.parametrize(
+@cases(
     ("roles", "expected_offset"),
-    [
-        pytest.param((), BLACK, id="black-level"),
-        pytest.param(("dark",), 90.0, id="dark"),
-        pytest.param(("dark", "ambient"), 120.0, id="ambient-before-dark"),
-    ],
+    {
+        "black-level": ((), BLACK),
+        "dark": (("dark",), 90.0),
+        "ambient-before-dark": (("dark", "ambient"), 120.0),
+    },
 )
 def test_offset(roles, expected_offset):
     light = np.full((2, 3), 1000, np.uint16)
@@ -156,14 +157,14 @@ def test_any_saturated_channel_makes_gray_nan():
     assert np.isfinite(values[0, 0, 1])
 
 
-@pytest.mark.parametrize(
+@cases(
     ("transfer", "light"),
-    [
-        pytest.param(LINEAR, 0.5, id="linear"),
-        pytest.param(TransferCurve.power(2.2), 0.5**2.2, id="power"),
-        pytest.param(SRGB, ((0.5 + 0.055) / 1.055) ** 2.4, id="sRGB"),
-        pytest.param(TransferCurve.table([[0, 0], [4, 1], [8, 10]]), 0.1, id="table"),
-    ],
+    {
+        "linear": (LINEAR, 0.5),
+        "power": (TransferCurve.power(2.2), 0.5**2.2),
+        "sRGB": (SRGB, ((0.5 + 0.055) / 1.055) ** 2.4),
+        "table": (TransferCurve.table([[0, 0], [4, 1], [8, 10]]), 0.1),
+    },
 )
 @pytest.mark.parametrize("kind", [np.float32, np.uint16])
 def test_the_curve_of_the_source_is_applied_relative_to_white(transfer, light, kind):
@@ -278,48 +279,41 @@ def test_order_and_progress():
     assert calls == [("reading", i + 1, 9) for i in range(9)]
 
 
-@pytest.mark.parametrize(
+@cases(
     ("frames", "options", "error", "says"),
-    [
-        pytest.param(
+    {
+        "nan-in-float-image": (
             [("a", np.array([[0.1, np.nan]], np.float32), 1.0)],
             {"black": 0.0, "white": 1.0},
             DataError,
             "a.tif: contains values that are not finite",
-            id="nan-in-float-image",
         ),
-        pytest.param(
+        "exposure-missing": (
             [("a", np.full((2, 2), 9, np.uint16), 1.0), ("b", np.full((2, 2), 9, np.uint16), None)],
             {},
             DataError,
             "b.tif: no valid exposure time",
-            id="exposure-missing",
         ),
-        pytest.param(
+        "not-bayer": (
             [("a", np.full((2, 2), 99, np.uint16), 1.0)],
             {"cfa": "RGBG"},
             DataError,
             "RGBG",
-            id="not-bayer",
         ),
-        pytest.param(
-            [("a", np.full((2, 2), 64, np.uint16), 1.0)], {}, EstimateError, "black", id="all-black"
-        ),
-        pytest.param(
+        "all-black": ([("a", np.full((2, 2), 64, np.uint16), 1.0)], {}, EstimateError, "black"),
+        "all-saturated": (
             [("a", np.full((2, 2), 4095, np.uint16), 1.0)],
             {},
             EstimateError,
             "saturated",
-            id="all-saturated",
         ),
-        pytest.param(
+        "white-below-black": (
             [("a", np.full((2, 2), 9, np.uint16), 1.0)],
             {"white": 10.0},
             DataError,
             "white level",
-            id="white-below-black",
         ),
-    ],
+    },
 )
 def test_bad_input(frames, options, error, says):
     built = [frame(name, pixels, exposure_us=t) for name, pixels, t in frames]

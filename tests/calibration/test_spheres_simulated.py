@@ -12,6 +12,7 @@ from calibration.spheres.propose import sphere_selection as search
 from calibration.spheres.propose.sphere_marks import masked_spheres
 from simulator import render, scene_named
 from simulator.camera import sensor_image
+from tests.cases import cases
 from tests.quick_sample import quick
 
 EXPOSURES_US = (20000.0, 40.0)
@@ -335,30 +336,26 @@ def test_no_sphere_in_images_of_the_coin():
         calibrate_spheres(values)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("options", "error", "says"),
-    [
-        pytest.param({"masks": [np.ones((5, 5), bool)]}, DataError, "does not fit", id="mask-size"),
-        pytest.param(
-            {"masks": [np.zeros((512, 640), bool)]}, EstimateError, "empty", id="mask-empty"
-        ),
-        pytest.param({"circles": [(9, 9, -4)]}, DataError, "is invalid", id="negative-circle"),
-        pytest.param({"radius_mm": 10.0}, DataError, "requires a camera", id="radius-no-camera"),
-        pytest.param({"circles": [(9, 9, np.inf)]}, DataError, "is invalid", id="endless-circle"),
-        pytest.param({"circles": [(np.nan, 9, 9)]}, DataError, "is invalid", id="circle-nowhere"),
-        pytest.param(
+    {
+        "mask-size": ({"masks": [np.ones((5, 5), bool)]}, DataError, "does not fit"),
+        "mask-empty": ({"masks": [np.zeros((512, 640), bool)]}, EstimateError, "empty"),
+        "negative-circle": ({"circles": [(9, 9, -4)]}, DataError, "is invalid"),
+        "radius-no-camera": ({"radius_mm": 10.0}, DataError, "requires a camera"),
+        "endless-circle": ({"circles": [(9, 9, np.inf)]}, DataError, "is invalid"),
+        "circle-nowhere": ({"circles": [(np.nan, 9, 9)]}, DataError, "is invalid"),
+        "masks-and-circles": (
             {"circles": [(9, 9, 9)], "masks": [np.ones((512, 640), bool)]},
             DataError,
             "give one of the two",
-            id="masks-and-circles",
         ),
-        pytest.param(
+        "circle-on-nothing": (
             {"circles": [(320, 256, 30)]},
             EstimateError,
             r"(320, 256|no highlight)",
-            id="circle-on-nothing",
         ),
-    ],
+    },
 )
 def test_bad_input(few, options, error, says):
     with pytest.raises(error, match=says) as caught:

@@ -15,6 +15,7 @@ from processing import NormalMap, ShapeFilter, read_normals, separate, transfer_
 from processing.detail import Pose, Similarity
 from processing.detail.seam import _membrane, blend_detail, seam_of, seam_steps
 from rig.arrays import Bool, Float64
+from tests.cases import cases
 from tests.processing import scenes
 from tests.processing.scenes import ball
 from tests.quick_sample import quick
@@ -245,31 +246,24 @@ def test_the_membrane_removes_the_step() -> None:
     assert set_in.seam.ratio < 1
 
 
-@pytest.mark.parametrize(
+@cases(
     ("options", "text"),
-    [
-        pytest.param({}, "has no position on a target", id="sizes without a position"),
-        pytest.param({"pose": Pose((500, 5))}, "does not overlap the target mask", id="outside"),
-        pytest.param(
-            {"pose": Pose((0, 0), scale=0.1)}, "does not overlap", id="on the empty corner"
-        ),
-        pytest.param({"pose": Pose((60, 60), scale=0.0)}, "scale of 0.0", id="no scale"),
-        pytest.param({"pose": Pose((60, 60), rotate_deg=np.nan)}, "turn of nan", id="no angle"),
-        pytest.param({"pose": Pose((np.inf, 60))}, "place of", id="infinitely far"),
-        pytest.param(
-            {"pose": Pose((60, 60)), "amplitude": np.inf}, "amplitude of inf", id="amplitude"
-        ),
-        pytest.param({"pose": Pose((60, 60)), "reach_px": 0.0}, "reach of 0.0 px", id="reach"),
-        pytest.param(
+    {
+        "sizes without a position": ({}, "has no position on a target"),
+        "outside": ({"pose": Pose((500, 5))}, "does not overlap the target mask"),
+        "on the empty corner": ({"pose": Pose((0, 0), scale=0.1)}, "does not overlap"),
+        "no scale": ({"pose": Pose((60, 60), scale=0.0)}, "scale of 0.0"),
+        "no angle": ({"pose": Pose((60, 60), rotate_deg=np.nan)}, "turn of nan"),
+        "infinitely far": ({"pose": Pose((np.inf, 60))}, "place of"),
+        "amplitude": ({"pose": Pose((60, 60)), "amplitude": np.inf}, "amplitude of inf"),
+        "reach": ({"pose": Pose((60, 60)), "reach_px": 0.0}, "reach of 0.0 px"),
+        "w too large": (
             {"pose": Pose((60, 60)), "shape_filter": ShapeFilter(w=60)},
             "larger than the normal map",
-            id="w too large",
         ),
-        pytest.param({"source_mask": np.ones((3, 3), bool)}, "source mask of bool", id="mask size"),
-        pytest.param(
-            {"target_mask": np.zeros((120, 120), bool)}, "target's normals do not", id="empty"
-        ),
-    ],
+        "mask size": ({"source_mask": np.ones((3, 3), bool)}, "source mask of bool"),
+        "empty": ({"target_mask": np.zeros((120, 120), bool)}, "target's normals do not"),
+    },
 )
 def test_local_transfer_refuses(options: dict[str, object], text: str) -> None:
     with pytest.raises(DataError, match=text):

@@ -19,6 +19,7 @@ from acquisition import NoiseModel
 from rig import CameraError
 from rig.genicam import find_cameras, open_genicam
 from rig.genicam.nodes import Nodes
+from tests.cases import cases
 from tests.rig.camera_benches import (
     BLACK,
     EXPOSURE_US,
@@ -317,16 +318,12 @@ def test_pixels_arrive_bit_by_bit_in_every_format(make, cfa, suffix):
     assert np.array_equal(pixels, values >> (16 - camera.info.bit_depth))
 
 
-@pytest.mark.parametrize(
+@cases(
     ("wanted", "message"),
-    [
-        pytest.param(
-            "Mono14",
-            "PixelFormat: 'Mono14' is not available, only Mono8, Mono10,",
-            id="not available",
-        ),
-        pytest.param("RGB8", "format of raw samples, .* not RGB8; the camera offers", id="not raw"),
-    ],
+    {
+        "not available": ("Mono14", "PixelFormat: 'Mono14' is not available, only Mono8, Mono10,"),
+        "not raw": ("RGB8", "format of raw samples, .* not RGB8; the camera offers"),
+    },
 )
 def test_an_unavailable_format_is_refused(make, wanted, message):
     with pytest.raises(CameraError, match=message):

@@ -20,6 +20,7 @@ import acquisition
 from sgp.batch import Outcome, cluster
 from sgp.batch.cluster import _checked, _probe
 from sgp.cli.exit import ClusterError, UsageError
+from tests.cases import cases
 from tests.sgp.test_cli_batch import recipe as recipe
 from tests.sgp.test_cli_batch import table, wait_for
 from tests.sgp.test_cli_batch import two as two
@@ -43,24 +44,19 @@ class Cluster:
         return {"tcp://w:1": self._answer}
 
 
-@pytest.mark.parametrize(
+@cases(
     ("client", "error", "message"),
-    [
-        pytest.param(Cluster(None), ClusterError, "has no workers: start some", id="no workers"),
-        pytest.param(Cluster(4), UsageError, "w:1: this worker has 4 threads", id="threads"),
-        pytest.param(
-            Cluster(answer=("0.0", True)), UsageError, "has version 0.0 of sgp, here", id="version"
-        ),
-        pytest.param(
-            Cluster(answer=(HERE, False)), ClusterError, "does not see .*: mount", id="storage"
-        ),
-        pytest.param(
+    {
+        "no workers": (Cluster(None), ClusterError, "has no workers: start some"),
+        "threads": (Cluster(4), UsageError, "w:1: this worker has 4 threads"),
+        "version": (Cluster(answer=("0.0", True)), UsageError, "has version 0.0 of sgp, here"),
+        "storage": (Cluster(answer=(HERE, False)), ClusterError, "does not see .*: mount"),
+        "not installed": (
             Cluster(answer=ModuleNotFoundError("No module named 'sgp'")),
             ClusterError,
             "cannot run sgp: No module named 'sgp'",
-            id="not installed",
         ),
-    ],
+    },
 )
 def test_workers_that_cannot_do_the_work_are_named(client, error, message, tmp_path) -> None:
     with pytest.raises(error, match=message):

@@ -18,6 +18,7 @@ from sgp import read_record
 from simulator import Lens
 from simulator.shapes import ChArUco
 from tests.calibration.board_series import BOARD, CAMERA, FLAT, poses, shot
+from tests.cases import cases
 
 SIZE = ("--squares", "11x8", "--square-mm", "20")
 
@@ -84,34 +85,26 @@ def test_images_that_cannot_be_used_are_named(sgp, views, tmp_path) -> None:
     assert re.search(r"V3\.png: not used: the calibration board is mirrored", done.err)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("words", "code", "match"),
-    [
-        pytest.param(("{views}/shots",), 2, "give --board board.json, or", id="no board"),
-        pytest.param(
-            ("{views}/shots", "--squares", "11", *SIZE[2:]), 2, "for example 11x8", id="x"
-        ),
-        pytest.param(("{views}/shots", "--board", "none.json"), 2, "no such file", id="missing"),
-        pytest.param(("{views}/none", *SIZE), 2, "no such file", id="no source"),
-        pytest.param(
-            ("{views}/shots", *SIZE, "--height-mm", "3"), 2, "give it too", id="height alone"
-        ),
-        pytest.param(
-            ("{views}/shots/V0.png", *SIZE), 5, "1 view of the calibration board", id="one view"
-        ),
-        pytest.param(
+    {
+        "no board": (("{views}/shots",), 2, "give --board board.json, or"),
+        "x": (("{views}/shots", "--squares", "11", *SIZE[2:]), 2, "for example 11x8"),
+        "missing": (("{views}/shots", "--board", "none.json"), 2, "no such file"),
+        "no source": (("{views}/none", *SIZE), 2, "no such file"),
+        "height alone": (("{views}/shots", *SIZE, "--height-mm", "3"), 2, "give it too"),
+        "one view": (("{views}/shots/V0.png", *SIZE), 5, "1 view of the calibration board"),
+        "squares": (
             ("{views}/shots", "--squares", "12x8", "--square-mm", "20"),
             5,
             "another order",
-            id="squares",
         ),
-        pytest.param(
+        "few": (
             ("{views}/shots", "--squares", "5x4", "--square-mm", "20"),
             5,
             "marker .* is not on",
-            id="few",
         ),
-    ],
+    },
 )
 def test_refused(sgp, views, tmp_path, words, code, match) -> None:
     given = [word.format(views=views) for word in words]
@@ -243,14 +236,14 @@ def test_the_png_has_its_true_size(sgp, tmp_path) -> None:
     check_scale(smaller, CharucoBoard(5, 4, 12.0), per_m / 1000 / 4)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("words", "match"),
-    [
-        pytest.param(("--out", "b.txt"), "must end in .pdf or .png", id="suffix"),
-        pytest.param(("--out", "b.pdf", "--square-mm", "30"), "at most 20.* mm", id="too large"),
-        pytest.param(("--out", "b.pdf", "--squares", "11"), "for example 11x8", id="squares"),
-        pytest.param(("--out", "b.pdf", "--dictionary", "9x9"), "unknown", id="dictionary"),
-    ],
+    {
+        "suffix": (("--out", "b.txt"), "must end in .pdf or .png"),
+        "too large": (("--out", "b.pdf", "--square-mm", "30"), "at most 20.* mm"),
+        "squares": (("--out", "b.pdf", "--squares", "11"), "for example 11x8"),
+        "dictionary": (("--out", "b.pdf", "--dictionary", "9x9"), "unknown"),
+    },
 )
 def test_boards_that_are_refused(sgp, tmp_path, monkeypatch, words, match) -> None:
     monkeypatch.chdir(tmp_path)

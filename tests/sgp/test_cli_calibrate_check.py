@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from acquisition import LightErrors, Lights, write_lights
+from tests.cases import cases
 
 Sgp = Callable[..., "object"]
 
@@ -68,30 +69,27 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize(
+@cases(
     ("words", "code", "expected"),
-    [
-        pytest.param("a.json copy.json", 0, ["of a.json and copy.json are all"], id="unmeasured"),
-        pytest.param("uneven.json same.json", 0, ["no common factor"], id="equal"),
-        pytest.param("a.json day2/a.json", 0, ["day2/a.json against "], id="the same name"),
-        pytest.param("a.json moved.json", 0, ["L05", "5.00 mm", "17.7"], id="no limit"),
-        pytest.param("a.json moved.json --limit-mm 5.1", 0, ["within the limits"], id="within"),
-        pytest.param("a.json moved.json --limit-mm 4.9", 4, ["1 of 12 lights is beyond"], id="mm"),
-        pytest.param("a.json moved.json --limit-deg .3", 4, ["* L05"], id="deg"),
-        pytest.param(
-            "uneven.json dimmer.json --limit-percent 40", 4, ["-45.0 %", "of 2 was"], id="percent"
-        ),
-        pytest.param(
+    {
+        "unmeasured": ("a.json copy.json", 0, ["of a.json and copy.json are all"]),
+        "equal": ("uneven.json same.json", 0, ["no common factor"]),
+        "the same name": ("a.json day2/a.json", 0, ["day2/a.json against "]),
+        "no limit": ("a.json moved.json", 0, ["L05", "5.00 mm", "17.7"]),
+        "within": ("a.json moved.json --limit-mm 5.1", 0, ["within the limits"]),
+        "mm": ("a.json moved.json --limit-mm 4.9", 4, ["1 of 12 lights is beyond"]),
+        "deg": ("a.json moved.json --limit-deg .3", 4, ["* L05"]),
+        "percent": ("uneven.json dimmer.json --limit-percent 40", 4, ["-45.0 %", "of 2 was"]),
+        "intensities of one": (
             "a.json uneven.json",
             0,
             ["0.000 deg", "not compared: those of a.json are all equal"],
-            id="intensities of one",
         ),
-        pytest.param("a.json swapped.json", 4, ["LED 10 and 11 are swapped"], id="swapped"),
-        pytest.param("a.json --rig rig.toml", 0, ["the rig dome one"], id="rig"),
-        pytest.param("distant.json --rig rig.toml", 0, ["the rig dome one"], id="directions"),
-        pytest.param("a.json --rig swapped.toml", 4, ["LED 10 and 11 are swapped"], id="wires"),
-    ],
+        "swapped": ("a.json swapped.json", 4, ["LED 10 and 11 are swapped"]),
+        "rig": ("a.json --rig rig.toml", 0, ["the rig dome one"]),
+        "directions": ("distant.json --rig rig.toml", 0, ["the rig dome one"]),
+        "wires": ("a.json --rig swapped.toml", 4, ["LED 10 and 11 are swapped"]),
+    },
 )
 def test_verdict(
     sgp: Callable[..., object],
@@ -109,30 +107,28 @@ def test_verdict(
     assert max(map(len, answer.out.splitlines())) <= 80
 
 
-@pytest.mark.parametrize(
+@cases(
     ("words", "code", "expected"),
-    [
-        pytest.param("a.json a.json", 2, "are the same file", id="same file"),
-        pytest.param("a.json ./a.json", 2, "are the same file", id="same file, other path"),
-        pytest.param("a.json", 2, "give a second lights file, or --rig", id="one file"),
-        pytest.param("a.json moved.json --rig rig.toml", 2, "or --rig", id="both"),
-        pytest.param("a.json none.json", 2, "none.json: no such file", id="missing"),
-        pytest.param("none.json a.json", 2, "none.json: no such file", id="first missing"),
-        pytest.param("a.json few.json", 4, "has 12 lights, the second 11", id="other number"),
-        pytest.param("a.json distant.json", 4, "has positions, the second directions", id="kind"),
-        pytest.param("a.json nan.json", 4, "nan.json", id="NaN"),
-        pytest.param("a.json moved.json --limit-mm nan", 2, "--limit-mm", id="NaN limit"),
-        pytest.param("a.json moved.json --limit-mm 0", 2, "--limit-mm", id="zero limit"),
-        pytest.param("distant.json --rig rig.toml --limit-mm 3", 2, "--limit-deg", id="no mm"),
-        pytest.param("a.json --rig rig.toml --limit-percent 3", 2, "no intensities", id="percent"),
-        pytest.param("a.json uneven.json --limit-percent 9", 2, "of a.json are", id="no strengths"),
-        pytest.param(
-            "a.json copy.json --limit-percent 9", 2, "of a.json and copy.json are", id="unmeasured"
-        ),
-        pytest.param("a.json --rig bare.toml", 2, "no led_positions_mm", id="no positions"),
-        pytest.param("photos.json --rig rig.toml", 4, "light p0.jpg is not one of", id="photos"),
-        pytest.param("a.json --rig none.toml", 2, "none.toml", id="no rig file"),
-    ],
+    {
+        "same file": ("a.json a.json", 2, "are the same file"),
+        "same file, other path": ("a.json ./a.json", 2, "are the same file"),
+        "one file": ("a.json", 2, "give a second lights file, or --rig"),
+        "both": ("a.json moved.json --rig rig.toml", 2, "or --rig"),
+        "missing": ("a.json none.json", 2, "none.json: no such file"),
+        "first missing": ("none.json a.json", 2, "none.json: no such file"),
+        "other number": ("a.json few.json", 4, "has 12 lights, the second 11"),
+        "kind": ("a.json distant.json", 4, "has positions, the second directions"),
+        "NaN": ("a.json nan.json", 4, "nan.json"),
+        "NaN limit": ("a.json moved.json --limit-mm nan", 2, "--limit-mm"),
+        "zero limit": ("a.json moved.json --limit-mm 0", 2, "--limit-mm"),
+        "no mm": ("distant.json --rig rig.toml --limit-mm 3", 2, "--limit-deg"),
+        "percent": ("a.json --rig rig.toml --limit-percent 3", 2, "no intensities"),
+        "no strengths": ("a.json uneven.json --limit-percent 9", 2, "of a.json are"),
+        "unmeasured": ("a.json copy.json --limit-percent 9", 2, "of a.json and copy.json are"),
+        "no positions": ("a.json --rig bare.toml", 2, "no led_positions_mm"),
+        "photos": ("photos.json --rig rig.toml", 4, "light p0.jpg is not one of"),
+        "no rig file": ("a.json --rig none.toml", 2, "none.toml"),
+    },
 )
 def test_refused_in_one_line(
     sgp: Callable[..., object],

@@ -13,6 +13,7 @@ import pytest
 from scipy.io import savemat
 
 from acquisition import Session, read_image, read_lights, write_png
+from tests.cases import cases
 from tests.sgp.small_rig import CAPTURE, interrupted
 
 
@@ -129,15 +130,15 @@ def test_an_export_replaces_only_an_earlier_one_and_only_with_force(sgp, session
     assert (out / "mine.txt").read_text() == "keep"
 
 
-@pytest.mark.parametrize(
+@cases(
     ("words", "code", "message"),
-    [
-        pytest.param(["--format", "lp"], 4, "no lights are known", id="no-lights"),
-        pytest.param(["--format", "gif"], 2, "gif", id="unknown-layout"),
-        pytest.param(["--format", "exr", "--bracket", "-1"], 2, "bracket", id="bracket"),
-        pytest.param(["--format", "lp", "--lights", "none.lp"], 2, "none.lp", id="no-file"),
-        pytest.param([], 2, "--format", id="no-layout"),
-    ],
+    {
+        "no-lights": (["--format", "lp"], 4, "no lights are known"),
+        "unknown-layout": (["--format", "gif"], 2, "gif"),
+        "bracket": (["--format", "exr", "--bracket", "-1"], 2, "bracket"),
+        "no-file": (["--format", "lp", "--lights", "none.lp"], 2, "none.lp"),
+        "no-layout": ([], 2, "--format"),
+    },
 )
 def test_impossible_exports(sgp, session, tmp_path, words, code, message):
     assert message in sgp(
@@ -287,32 +288,25 @@ def test_ctrl_c_while_a_raw_file_is_awaited_loses_nothing(sgp, tmp_path):
     ]
 
 
-@pytest.mark.parametrize(
+@cases(
     ("words", "message"),
-    [
-        pytest.param(["--watch"], "requires either --leds, --led-count or --plan", id="no-shots"),
-        pytest.param(
+    {
+        "no-shots": (["--watch"], "requires either --leds, --led-count or --plan"),
+        "both": (
             ["--watch", "--led-count", "3", "--plan", "p.toml"],
             "either --leds, --led-count or --plan",
-            id="both",
         ),
-        pytest.param(["--led-count", "3"], "--led-count requires --watch", id="not-watching"),
-        pytest.param(["--leds", "0-2"], "--leds requires --watch", id="list-not-watching"),
-        pytest.param(["--watch", "--leds", "3"], "--leds 3 is ambiguous: write --led-", id="old"),
-        pytest.param(["--watch", "--leds", "0-2,1"], "LED 1 is listed twice", id="twice"),
-        pytest.param(
-            ["--watch", "--leds", "0-2", "--led-count", "3"], "give only one", id="list-and-count"
-        ),
-        pytest.param(["--interval-s", "3"], "--interval-s requires --watch", id="interval"),
-        pytest.param(
-            ["--watch", "--led-count", "3", "--no-gaps", "--interval-s", "2"],
-            "--no-gaps",
-            id="no-time",
-        ),
-        pytest.param(["--watch", "--led-count", "0"], "led-count", id="no-leds"),
-        pytest.param(["--watch", "--led-count", "3", "--mask", "m.png"], "--mask", id="mask"),
-        pytest.param(["--watch", "--led-count", "3", "--timeout-s", "0"], "timeout", id="timeout"),
-    ],
+        "not-watching": (["--led-count", "3"], "--led-count requires --watch"),
+        "list-not-watching": (["--leds", "0-2"], "--leds requires --watch"),
+        "old": (["--watch", "--leds", "3"], "--leds 3 is ambiguous: write --led-"),
+        "twice": (["--watch", "--leds", "0-2,1"], "LED 1 is listed twice"),
+        "list-and-count": (["--watch", "--leds", "0-2", "--led-count", "3"], "give only one"),
+        "interval": (["--interval-s", "3"], "--interval-s requires --watch"),
+        "no-time": (["--watch", "--led-count", "3", "--no-gaps", "--interval-s", "2"], "--no-gaps"),
+        "no-leds": (["--watch", "--led-count", "0"], "led-count"),
+        "mask": (["--watch", "--led-count", "3", "--mask", "m.png"], "--mask"),
+        "timeout": (["--watch", "--led-count", "3", "--timeout-s", "0"], "timeout"),
+    },
 )
 def test_impossible_watches(sgp, tmp_path, monkeypatch, words, message):
     monkeypatch.chdir(tmp_path)

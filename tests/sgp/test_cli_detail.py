@@ -8,6 +8,7 @@ import pytest
 
 from acquisition import angle_deg, read_image, write_png
 from processing import NormalMap, read_normals, write_normals
+from tests.cases import cases
 
 SIZE = (60, 70)
 
@@ -138,32 +139,24 @@ def other_mask(maps):
     write_png(maps / "part.png", disc((30, 30), 15, 15, 9))
 
 
-@pytest.mark.parametrize(
+@cases(
     ("spoil", "words", "code", "text"),
-    [
-        pytest.param(None, ["--at", "900,0"], 4, "does not reach the mask", id="outside"),
-        pytest.param(None, ["--at", "1.5,0"], 2, "--at must be whole pixels", id="half a pixel"),
-        pytest.param(None, ["--at", "inf,0"], 2, "--at inf,0: give 2 numbers", id="infinite"),
-        pytest.param(None, ["--at", "1e300,0"], 4, "does not reach the mask", id="far away"),
-        pytest.param(
-            None, ["--at", "nan,0", "--mirror"], 2, "--at nan,0: give 2 numbers", id="not a number"
-        ),
-        pytest.param(None, ["--w", "30"], 4, "larger than the normal map", id="w"),
-        pytest.param(None, ["--scale", "1.1"], 4, "has no position on a target", id="no position"),
-        pytest.param(None, ["--scale", "0"], 2, "--scale", id="no scale"),
-        pytest.param(
-            None, ["--scale", "1e-9", "--at", "9,9"], 4, "a scale of 1e-09", id="tiny scale"
-        ),
-        pytest.param(None, ["--mirror", "--refine", "1"], 2, "--refine", id="refined part"),
-        pytest.param(
-            None, ["--mirror", "--at", "-90,0"], 4, "does not overlap", id="masks do not overlap"
-        ),
-        pytest.param(
-            other_mask, ["--source-mask", "part.png", "--at", "9,9"], 4, "part.png", id="mask size"
-        ),
-        pytest.param(None, ["--source-mask", "none.png"], 2, "none.png", id="no mask"),
-        pytest.param(not_unit, [], 4, "is not a normal map", id="not unit"),
-    ],
+    {
+        "outside": (None, ["--at", "900,0"], 4, "does not reach the mask"),
+        "half a pixel": (None, ["--at", "1.5,0"], 2, "--at must be whole pixels"),
+        "infinite": (None, ["--at", "inf,0"], 2, "--at inf,0: give 2 numbers"),
+        "far away": (None, ["--at", "1e300,0"], 4, "does not reach the mask"),
+        "not a number": (None, ["--at", "nan,0", "--mirror"], 2, "--at nan,0: give 2 numbers"),
+        "w": (None, ["--w", "30"], 4, "larger than the normal map"),
+        "no position": (None, ["--scale", "1.1"], 4, "has no position on a target"),
+        "no scale": (None, ["--scale", "0"], 2, "--scale"),
+        "tiny scale": (None, ["--scale", "1e-9", "--at", "9,9"], 4, "a scale of 1e-09"),
+        "refined part": (None, ["--mirror", "--refine", "1"], 2, "--refine"),
+        "masks do not overlap": (None, ["--mirror", "--at", "-90,0"], 4, "does not overlap"),
+        "mask size": (other_mask, ["--source-mask", "part.png", "--at", "9,9"], 4, "part.png"),
+        "no mask": (None, ["--source-mask", "none.png"], 2, "none.png"),
+        "not unit": (not_unit, [], 4, "is not a normal map"),
+    },
 )
 def test_bad_transfers_get_one_line(sgp, maps, monkeypatch, spoil, words, code, text):
     monkeypatch.chdir(maps)

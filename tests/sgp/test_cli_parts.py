@@ -10,6 +10,7 @@ import pytest
 
 from acquisition import angle_deg, read_image, read_mask
 from processing import read_normals
+from tests.cases import cases
 from tests.sgp.conftest import ball
 
 
@@ -58,24 +59,20 @@ def test_parts_of_a_recording_keep_their_lights(sgp, given, tmp_path) -> None:
     assert first == pytest.approx(np.ptp(second[np.isfinite(second)]), rel=0.35)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("options", "code", "text"),
-    [
-        pytest.param(["--exclude", "L07"], 4, "there are ball.0, ball.1", id="name"),
-        pytest.param(["--exclude", "2-7"], 2, "--exclude leaves 2 images", id="too many"),
-        pytest.param(["--exclude", "1,,2"], 2, "--exclude: a name is empty", id="comma"),
-        pytest.param(
-            ["--crop", "1,2,3"], 2, "1,2,3 is not a number for each of x,y,w,h", id="three"
-        ),
-        pytest.param(
-            ["--crop", "1,2,3,4", "--crop", "1,2,3,4"], 2, "specified multiple times", id="twice"
-        ),
-        pytest.param(["--crop=-1,2,3,4"], 4, "from -1,2 is not inside", id="negative"),
-        pytest.param(["--crop", "1,2,3,4.5"], 2, "4.5 is not a whole number", id="fraction"),
-        pytest.param(["--crop", "40,0,20,20"], 4, "not inside the images of 48 x 40", id="outside"),
-        pytest.param(["--downscale", "0"], 2, "--downscale", id="zero"),
-        pytest.param(["--downscale", "50"], 4, "by a factor of 50: give 1 to 40", id="factor"),
-    ],
+    {
+        "name": (["--exclude", "L07"], 4, "there are ball.0, ball.1"),
+        "too many": (["--exclude", "2-7"], 2, "--exclude leaves 2 images"),
+        "comma": (["--exclude", "1,,2"], 2, "--exclude: a name is empty"),
+        "three": (["--crop", "1,2,3"], 2, "1,2,3 is not a number for each of x,y,w,h"),
+        "twice": (["--crop", "1,2,3,4", "--crop", "1,2,3,4"], 2, "specified multiple times"),
+        "negative": (["--crop=-1,2,3,4"], 4, "from -1,2 is not inside"),
+        "fraction": (["--crop", "1,2,3,4.5"], 2, "4.5 is not a whole number"),
+        "outside": (["--crop", "40,0,20,20"], 4, "not inside the images of 48 x 40"),
+        "zero": (["--downscale", "0"], 2, "--downscale"),
+        "factor": (["--downscale", "50"], 4, "by a factor of 50: give 1 to 40"),
+    },
 )
 def test_wrong_parts_are_refused_before_anything_is_written(
     sgp, given, tmp_path, options, code, text

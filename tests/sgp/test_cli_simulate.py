@@ -10,6 +10,7 @@ import pytest
 from acquisition import Session, read_image, read_source
 from sgp.sessions import metered_exposures
 from simulator import SCENES, render, scene_named
+from tests.cases import cases
 
 SMALL = ("--size", "96x80", "--led-count", "8")
 DISTANT = """
@@ -183,29 +184,25 @@ def test_contact_sheet(sgp, tmp_path, monkeypatch):
     assert counts[2] == 0
 
 
-@pytest.mark.parametrize(
+@cases(
     ("words", "code", "message"),
-    [
-        pytest.param(["coin"], 2, "--out", id="no folder"),
-        pytest.param(["coyn", "--out", "o"], 2, "sgp simulate list", id="unknown scene"),
-        pytest.param(["nowhere.toml", "--out", "o"], 2, "nowhere.toml", id="missing file"),
-        pytest.param(
-            ["bad.toml", "--out", "o"], 4, "[object]: unknown key 'radius'", id="bad file"
-        ),
-        pytest.param(["coin", "--out", "o", "--size", "64"], 2, "640x512", id="half a size"),
-        pytest.param(["coin", "--out", "o", "--size", "0x5"], 2, "640x512", id="no pixels"),
-        pytest.param(["coin", "--out", "o", "--led-count", "0"], 2, "led-count", id="no lights"),
-        pytest.param(["coin", "--out", "o", "--exposure-us", "-5"], 2, "exposure", id="exposure"),
-        pytest.param(["coin", "--out", "o", "--format", "zip"], 2, "zip", id="unknown layout"),
-        pytest.param(["coin", "--out", "full"], 2, "full", id="folder with files"),
-        pytest.param(["coin", "--out", "bad.toml"], 2, "bad.toml", id="folder that is a file"),
-        pytest.param(["coin", "--out", "o", "--sheet", "s.png"], 2, "list", id="sheet of one"),
-        pytest.param(["list", "--out", "o"], 2, "--out", id="list with a folder"),
-        pytest.param(["list", "--sheet", "s.jpg"], 2, ".png", id="sheet of another type"),
-        pytest.param(
-            ["bayer.toml", "--out", "o", "--format", "diligent"], 2, "mosaic", id="mosaic"
-        ),
-    ],
+    {
+        "no folder": (["coin"], 2, "--out"),
+        "unknown scene": (["coyn", "--out", "o"], 2, "sgp simulate list"),
+        "missing file": (["nowhere.toml", "--out", "o"], 2, "nowhere.toml"),
+        "bad file": (["bad.toml", "--out", "o"], 4, "[object]: unknown key 'radius'"),
+        "half a size": (["coin", "--out", "o", "--size", "64"], 2, "640x512"),
+        "no pixels": (["coin", "--out", "o", "--size", "0x5"], 2, "640x512"),
+        "no lights": (["coin", "--out", "o", "--led-count", "0"], 2, "led-count"),
+        "exposure": (["coin", "--out", "o", "--exposure-us", "-5"], 2, "exposure"),
+        "unknown layout": (["coin", "--out", "o", "--format", "zip"], 2, "zip"),
+        "folder with files": (["coin", "--out", "full"], 2, "full"),
+        "folder that is a file": (["coin", "--out", "bad.toml"], 2, "bad.toml"),
+        "sheet of one": (["coin", "--out", "o", "--sheet", "s.png"], 2, "list"),
+        "list with a folder": (["list", "--out", "o"], 2, "--out"),
+        "sheet of another type": (["list", "--sheet", "s.jpg"], 2, ".png"),
+        "mosaic": (["bayer.toml", "--out", "o", "--format", "diligent"], 2, "mosaic"),
+    },
 )
 def test_refusals(sgp, tmp_path, monkeypatch, words, code, message):
     monkeypatch.chdir(tmp_path)

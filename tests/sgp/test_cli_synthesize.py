@@ -10,6 +10,7 @@ import pytest
 
 from acquisition import read_image, write_exr, write_png
 from processing import NormalMap, combine, read_normals, separate, write_normals
+from tests.cases import cases
 
 NAMES = ("normals", "detail")
 
@@ -109,36 +110,29 @@ def test_maps_that_guide_a_pattern(sgp, exemplar: Path, tmp_path: Path, monkeypa
     assert not (tmp_path / "d").exists()
 
 
-@pytest.mark.parametrize(
+@cases(
     ("options", "code", "text"),
-    [
-        pytest.param([], 2, "either --size", id="neither"),
-        pytest.param(["--size", "9x9", "--onto", "."], 2, "either --size", id="both"),
-        pytest.param(["--size", "9x9", "--image-space"], 2, "require --onto", id="image space"),
-        pytest.param(["--size", "9x9", "--keep-target-detail"], 2, "require --onto", id="detail"),
-        pytest.param(["--onto", ".", "--tileable"], 2, "--tileable", id="tileable"),
-        pytest.param(["--onto", "nowhere"], 2, "nowhere", id="missing target"),
-        pytest.param(
-            ["--size", "9x9", "--method", "efros-leung", "--mirror"],
-            2,
-            "require --method",
-            id="method",
-        ),
-        pytest.param(
-            ["--size", "9x9", "--direction", "curvature"], 2, "require --onto", id="direction"
-        ),
-        pytest.param(["--onto", ".", "--guide", "."], 2, "require each other", id="one guide"),
-        pytest.param(["--onto", ".", "--scale-map", "absent.exr"], 2, "absent", id="missing map"),
-        pytest.param(["--size", "0x10"], 2, "--size", id="no pixels"),
-        pytest.param(["--size", "wide"], 2, "--size", id="no numbers"),
-        pytest.param(["--size", "99999999x99999999"], 2, "", id="beyond memory"),
-        pytest.param(["--size", "64x64", "--crop", "80,70,40,40"], 2, "--crop", id="crop outside"),
-        pytest.param(["--size", "64x64", "--crop", "0,0,8,8"], 2, "no normal", id="crop of a hole"),
-        pytest.param(["--size", "64x64", "--patch", 5], 4, "too small", id="small patch"),
-        pytest.param(["--size", "64x64", "--patch", 85], 4, "patch", id="patch beyond exemplar"),
-        pytest.param(["--size", "64x64", "--overlap", 40], 4, "overlap", id="overlap"),
-        pytest.param(["--size", "60x64", "--tileable"], 4, "tiling", id="too small for tiling"),
-    ],
+    {
+        "neither": ([], 2, "either --size"),
+        "both": (["--size", "9x9", "--onto", "."], 2, "either --size"),
+        "image space": (["--size", "9x9", "--image-space"], 2, "require --onto"),
+        "detail": (["--size", "9x9", "--keep-target-detail"], 2, "require --onto"),
+        "tileable": (["--onto", ".", "--tileable"], 2, "--tileable"),
+        "missing target": (["--onto", "nowhere"], 2, "nowhere"),
+        "method": (["--size", "9x9", "--method", "efros-leung", "--mirror"], 2, "require --method"),
+        "direction": (["--size", "9x9", "--direction", "curvature"], 2, "require --onto"),
+        "one guide": (["--onto", ".", "--guide", "."], 2, "require each other"),
+        "missing map": (["--onto", ".", "--scale-map", "absent.exr"], 2, "absent"),
+        "no pixels": (["--size", "0x10"], 2, "--size"),
+        "no numbers": (["--size", "wide"], 2, "--size"),
+        "beyond memory": (["--size", "99999999x99999999"], 2, ""),
+        "crop outside": (["--size", "64x64", "--crop", "80,70,40,40"], 2, "--crop"),
+        "crop of a hole": (["--size", "64x64", "--crop", "0,0,8,8"], 2, "no normal"),
+        "small patch": (["--size", "64x64", "--patch", 5], 4, "too small"),
+        "patch beyond exemplar": (["--size", "64x64", "--patch", 85], 4, "patch"),
+        "overlap": (["--size", "64x64", "--overlap", 40], 4, "overlap"),
+        "too small for tiling": (["--size", "60x64", "--tileable"], 4, "tiling"),
+    },
 )
 def test_bad_options(sgp, exemplar: Path, tmp_path: Path, options, code: int, text: str) -> None:
     answer = sgp("detail", "synthesize", exemplar, *options, "--out", tmp_path / "out")

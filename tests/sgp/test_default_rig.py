@@ -14,6 +14,7 @@ from acquisition import Session
 from rig.config import rig_names
 from sgp.app import build
 from sgp.rigs import config_path
+from tests.cases import cases
 from tests.sgp.small_rig import RIG
 
 GOLDEN = Path(__file__).parents[1] / "acquisition" / "golden_session_3"
@@ -141,17 +142,17 @@ def test_the_list_shows_the_default_and_its_origin(sgp, config, monkeypatch):
     assert "default  bench, from SGP_RIG" in text
 
 
-@pytest.mark.parametrize(
+@cases(
     ("text", "message"),
-    [
-        pytest.param("rig = 'a", "is not TOML", id="not TOML"),
-        pytest.param("rgi = 'a'", "unknown key 'rgi'; known are operator, rig", id="unknown"),
-        pytest.param("rig = 3", 'rig is not a text: write rig = "..."', id="number"),
-        pytest.param("rig = ''", "rig is not a text", id="empty"),
-        pytest.param("rig = 'dome'", "config.toml names the rig dome, which is", id="no such"),
-        pytest.param("rig = '\\u0000'", "names the rig", id="NUL"),
-        pytest.param("x = " + "[" * 999, "nested", id="nested"),
-    ],
+    {
+        "not TOML": ("rig = 'a", "is not TOML"),
+        "unknown": ("rgi = 'a'", "unknown key 'rgi'; known are operator, rig"),
+        "number": ("rig = 3", 'rig is not a text: write rig = "..."'),
+        "empty": ("rig = ''", "rig is not a text"),
+        "no such": ("rig = 'dome'", "config.toml names the rig dome, which is"),
+        "NUL": ("rig = '\\u0000'", "names the rig"),
+        "nested": ("x = " + "[" * 999, "nested"),
+    },
 )
 def test_a_faulty_configuration_gets_one_line(sgp, config, text, message):
     path = config(text.replace("'", '"'))
@@ -211,22 +212,15 @@ def test_the_operator_is_configured_too(sgp, config, tmp_path, recording):
     assert Session.open(tmp_path / "c").manifest.operator == ""
 
 
-@pytest.mark.parametrize(
+@cases(
     ("platform", "variables", "expected"),
-    [
-        pytest.param("linux", {}, "{home}/.config/sgp/config.toml", id="Linux"),
-        pytest.param(
-            "linux",
-            {"XDG_CONFIG_HOME": "relative"},
-            "{home}/.config/sgp/config.toml",
-            id="relative",
-        ),
-        pytest.param("linux", {"XDG_CONFIG_HOME": "/x"}, "/x/sgp/config.toml", id="XDG"),
-        pytest.param(
-            "darwin", {}, "{home}/Library/Application Support/sgp/config.toml", id="macOS"
-        ),
-        pytest.param("win32", {"APPDATA": "/roaming"}, "/roaming/sgp/config.toml", id="Windows"),
-    ],
+    {
+        "Linux": ("linux", {}, "{home}/.config/sgp/config.toml"),
+        "relative": ("linux", {"XDG_CONFIG_HOME": "relative"}, "{home}/.config/sgp/config.toml"),
+        "XDG": ("linux", {"XDG_CONFIG_HOME": "/x"}, "/x/sgp/config.toml"),
+        "macOS": ("darwin", {}, "{home}/Library/Application Support/sgp/config.toml"),
+        "Windows": ("win32", {"APPDATA": "/roaming"}, "/roaming/sgp/config.toml"),
+    },
 )
 def test_the_folder_of_the_configuration(tmp_path, monkeypatch, platform, variables, expected):
     for name in ("XDG_CONFIG_HOME", "APPDATA"):

@@ -8,34 +8,31 @@ from hypothesis import strategies as st
 
 from rig.board import LineBuffer, LineError, Reply, decode_reply
 from simulator.led_board import BoardFault, PowerCutError
+from tests.cases import cases
 from tests.simulator.desk import MS, Desk
 
 # Effect of each fault on FLASH 7, sent to a board whose LED 3 is on.
 FLASHED = ["7 - 8000 -"]
 
 
-@pytest.mark.parametrize(
+@cases(
     ("fault", "replies", "triggers", "leds"),
-    [
-        pytest.param({"kind": "drop-command"}, [], [], {3}, id="drop-command"),
-        pytest.param({"kind": "corrupt-command", "value": 9}, [], [], {3}, id="corrupt-command"),
-        pytest.param({"kind": "lose-byte-command", "value": 3}, [], [], {3}, id="lost byte"),
-        pytest.param({"kind": "lose-byte-command", "value": -1}, [], [], {3}, id="lost line end"),
-        pytest.param({"kind": "double-byte-command", "value": 8}, [], [], {3}, id="double byte"),
-        pytest.param({"kind": "double-command"}, FLASHED, [12], {3, 7}, id="double-command"),
-        pytest.param({"kind": "drop-reply"}, [], [12], {3, 7}, id="drop-reply"),
-        pytest.param({"kind": "double-reply"}, FLASHED * 2, [12], {3, 7}, id="double-reply"),
-        pytest.param({"kind": "delay-reply", "value": 50}, FLASHED, [12], {3, 7}, id="delay-reply"),
-        pytest.param(
-            {"kind": "wrong-led", "value": 9}, ["9 - 8000 -"], [12], {3, 9}, id="wrong-led"
-        ),
-        pytest.param({"kind": "double-led", "value": 9}, FLASHED, [12], {3, 7, 9}, id="double-led"),
-        pytest.param(
-            {"kind": "goes-dark", "value": 3}, ["7 - 3000 -"], [12], {3, 7}, id="goes-dark"
-        ),
-        pytest.param({"kind": "lose-trigger"}, FLASHED, [], {3, 7}, id="lose-trigger"),
-        pytest.param({"kind": "double-trigger"}, FLASHED, [12, 12.3], {3, 7}, id="double-trigger"),
-    ],
+    {
+        "drop-command": ({"kind": "drop-command"}, [], [], {3}),
+        "corrupt-command": ({"kind": "corrupt-command", "value": 9}, [], [], {3}),
+        "lost byte": ({"kind": "lose-byte-command", "value": 3}, [], [], {3}),
+        "lost line end": ({"kind": "lose-byte-command", "value": -1}, [], [], {3}),
+        "double byte": ({"kind": "double-byte-command", "value": 8}, [], [], {3}),
+        "double-command": ({"kind": "double-command"}, FLASHED, [12], {3, 7}),
+        "drop-reply": ({"kind": "drop-reply"}, [], [12], {3, 7}),
+        "double-reply": ({"kind": "double-reply"}, FLASHED * 2, [12], {3, 7}),
+        "delay-reply": ({"kind": "delay-reply", "value": 50}, FLASHED, [12], {3, 7}),
+        "wrong-led": ({"kind": "wrong-led", "value": 9}, ["9 - 8000 -"], [12], {3, 9}),
+        "double-led": ({"kind": "double-led", "value": 9}, FLASHED, [12], {3, 7, 9}),
+        "goes-dark": ({"kind": "goes-dark", "value": 3}, ["7 - 3000 -"], [12], {3, 7}),
+        "lose-trigger": ({"kind": "lose-trigger"}, FLASHED, [], {3, 7}),
+        "double-trigger": ({"kind": "double-trigger"}, FLASHED, [12, 12.3], {3, 7}),
+    },
 )
 def test_each_fault_has_its_effect(desk, fault, replies, triggers, leds):
     desk.ask("ON", "3", "100")
@@ -85,12 +82,12 @@ def test_a_reset_after_a_command_loses_its_reply(desk):
     assert desk.ask("OFF") == "-"
 
 
-@pytest.mark.parametrize(
+@cases(
     ("fault", "back_ns"),
-    [
-        pytest.param(BoardFault(kind="die"), None, id="for good"),
-        pytest.param(BoardFault(kind="hang-up", value=30), 40 * MS, id="comes back"),
-    ],
+    {
+        "for good": (BoardFault(kind="die"), None),
+        "comes back": (BoardFault(kind="hang-up", value=30), 40 * MS),
+    },
 )
 def test_a_board_that_loses_its_power_is_dark(desk, fault, back_ns):
     desk.ask("ON", "7", "1000")
