@@ -11,6 +11,8 @@ from rig import Notice, UnreadableError, pluralize
 from rig.arrays import Bool, Float64, Int64
 from rig.kernels import PART
 
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
+
 # Comparisons of corners that all polygons that are not convex may take together: about 2 s.
 _MOST_STEPS: Final = 1_000_000_000
 # A triangle of a fan points the other way if its area does by more than rounding.

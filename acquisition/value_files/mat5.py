@@ -73,7 +73,7 @@ def read_mat5(data: bytes, name: str, max_numbers: int) -> Float64:
 
 
 def _variable(data: bytes, name: str, max_numbers: int) -> Float64 | None:
-    """Return a variable as `read_mat5` does, or None if there is none of this name."""
+    """Return a variable as `read_mat5` does, or None if no variable has this name."""
     if data[:8] == b"\x89HDF\r\n\x1a\n" or data[:19] == b"MATLAB 7.3 MAT-file":
         raise UnreadableError("a MAT-file of version 7.3: save it in MATLAB with -v7")
     for element, order in _elements(data):

@@ -175,7 +175,7 @@ def raw_stack(source: Source, *, on_progress: Progress = no_progress) -> Stack:
 class Stack:
     """Linear images of one object under N lights of intensity 1.
 
-    A stack from `open_stack` is to be closed, for example by ``with``.
+    Close a stack from `open_stack`, for example by ``with``.
 
     Parameters
     ----------

@@ -22,6 +22,8 @@ from rig import Progress, in_threads, no_progress, pluralize
 from rig.arrays import Bool, Float32, Float64
 from rig.kernels import PART
 
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
+
 _ON_PIXEL = 1e-9
 _MOST_SCALE = 1000.0
 _FARTHEST_PX = 1e6

@@ -10,6 +10,8 @@ import numpy as np
 from rig.arrays import Bool, Float32, Int64
 from rig.kernels import INLINED, PART
 
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
+
 Bands = tuple[int, int, int, int]
 
 _FAST = {"contract"}

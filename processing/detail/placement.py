@@ -15,7 +15,7 @@ from processing.maps.mask import bounding_box
 from processing.maps.normal_map import NormalMap
 from rig.arrays import Bool, Float32, Int32
 
-# Compiled in: processing/detail/minimum_cuts.py bb2f904075fe
+# Compiled in: processing/detail/minimum_cuts.py 595407bbeb71
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,8 @@ import numpy as np
 from rig.arrays import Bool, Float32
 from rig.kernels import INLINED, PART
 
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
+
 _ROWS, _COLUMNS = 128, 512
 # Below this squared sine two vectors count as opposite: the rotation axis would be 0/0.
 _OPPOSITE = 1e-30

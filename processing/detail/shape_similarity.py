@@ -14,6 +14,8 @@ from rig import in_threads
 from rig.arrays import Bool, Float32, Float64
 from rig.kernels import PART
 
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
+
 # Below this squared sine a normal counts as opposite to z: its rotation axis would be 0/0.
 _OPPOSITE = 1e-30
 

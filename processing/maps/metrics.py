@@ -17,6 +17,8 @@ from rig import in_threads, short_repr
 from rig.arrays import Bool, Float32, Float64
 from rig.kernels import PART
 
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
+
 __all__ = ["AngularError", "angle_deg", "angular_error", "ssim"]
 
 Protocol = Literal["masked", "paper"]

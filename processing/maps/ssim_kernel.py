@@ -9,6 +9,8 @@ from rig import in_threads
 from rig.arrays import Bool, Float32, Float64
 from rig.kernels import PART
 
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
+
 _WINDOW, _SIGMA = 11, 1.5
 _REACH = _WINDOW // 2
 _QUANTITIES = 5  # x, y, x * x, y * y, x * y

@@ -8,6 +8,8 @@ import numpy as np
 from rig.arrays import Bool, Float32, Int32, Int64, UInt8
 from rig.kernels import PART
 
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
+
 # Kinds of triangles, by the corners of a square, a and b above d and e: a d b, b d e, a d e, a e b.
 KINDS = 4
 

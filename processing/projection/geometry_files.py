@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,9 +24,9 @@ _COARSE = 0.05
 _LEAST_REACH = 0.9
 
 
-def counted(code: str, what: str, count: int) -> list[Notice]:
-    """Return a notice about what was changed or left out, unless the number of it is 0."""
-    return [Notice(code, f"{what}: {count}")] if count else []
+def counted(notice: Notice, count: int) -> list[Notice]:
+    """Return a notice about what was changed or left out with its number, unless that is 0."""
+    return [replace(notice, text=f"{notice.text}: {count}")] if count else []
 
 
 def _wind_alike(faces: Int32) -> tuple[Int32, int, int]:
@@ -227,7 +227,7 @@ def _mesh(mesh: MeshFile, faces: AnyArray) -> Geometry:
     if edge_faults(corners)[0]:
         single = _first_of_twins(corners)
         text = "faces left out because they repeat others"
-        warnings += counted("faces-doubled", text, int((~single).sum()))
+        warnings += counted(Notice("faces-doubled", text), int((~single).sum()))
         corners, normals = corners[single], None if normals is None else normals[single]
     wound = corners
     corners, turned, crowded = _wind_alike(wound)
@@ -241,7 +241,7 @@ def _mesh(mesh: MeshFile, faces: AnyArray) -> Geometry:
         )
         warnings.append(Notice("mesh-not-manifold", text))
     text = "faces reversed to match the winding of their neighbours"
-    warnings += counted("faces-reversed", text, turned)
+    warnings += counted(Notice("faces-reversed", text), turned)
     return Geometry(joined, corners, normals, (*warnings, *_coarse(joined)))
 
 
@@ -290,7 +290,7 @@ def _cloud(mesh: MeshFile) -> Geometry:
     finite = np.isfinite(points).all(axis=1)
     warnings = list(mesh.warnings)
     text = "points left out because they are not finite"
-    warnings += counted("points-not-finite", text, int((~finite).sum()))
+    warnings += counted(Notice("points-not-finite", text), int((~finite).sum()))
     if not finite.any():
         raise DataError("the point cloud has no finite point")
     normals = None if mesh.normals is None else mesh.normals[finite]

@@ -8,6 +8,8 @@ import numpy as np
 from rig.arrays import Bool, Float64, Int32, Int64, UInt64
 from rig.kernels import PART
 
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
+
 # Odd constants of which all bits are mixed (Steele et al., SplitMix64, 2014).
 _MIX_1, _MIX_2 = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 

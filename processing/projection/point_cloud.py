@@ -21,6 +21,8 @@ from rig import Notice, Progress, in_threads, no_progress
 from rig.arrays import Bool, Float32, Float64, Int32, Int64, Intp
 from rig.kernels import PART
 
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
+
 # Smallest cosine between line of sight and normal that is used to intersect a disc: the
 # intersection of a grazing ray would be far away.
 _GRAZING = 0.1
@@ -126,7 +128,7 @@ def fit_surfels(
     """
     points, index = np.unique(points_mm, axis=0, return_index=True)
     text = "points left out because they are duplicates"
-    warnings = counted("points-duplicate", text, len(points_mm) - len(points))
+    warnings = counted(Notice("points-duplicate", text), len(points_mm) - len(points))
     if len(points) < 3:
         raise too_few_points(len(points))
     count = min(neighbours, len(points))
@@ -185,12 +187,12 @@ def fit_surfels(
     if not sound.any():
         raise EstimateError("all points are on a line: no normal can be fitted")
     text = "points left out because their neighbours are on a line"
-    warnings += counted("points-on-a-line", text, int((~sound).sum()))
+    warnings += counted(Notice("points-on-a-line", text), int((~sound).sum()))
     radii = reach * math.sqrt(_POINTS_IN_DISC / count)
     radii = np.minimum(radii, _LARGEST_DISC * np.median(radii))
     isolated = _isolated(tree, reach, count)
     text = "points left out because they are far from all others"
-    warnings += counted("points-isolated", text, int(isolated.sum()))
+    warnings += counted(Notice("points-isolated", text), int(isolated.sum()))
     sound &= ~isolated
     return Surfels(points[sound], fitted[sound], bends[sound], radii[sound], tuple(warnings))
 
@@ -291,7 +293,7 @@ def draw_points(surfels: Surfels, raster: Raster) -> Drawn:
         depth = raster.eye_mm - points[:, 2]
         before = depth > NEAR_SHARE * raster.eye_mm
         text = "points left out because they are behind the camera"
-        warnings += counted("points-behind-camera", text, int((~before).sum()))
+        warnings += counted(Notice("points-behind-camera", text), int((~before).sum()))
         if not before.any():
             raise EstimateError(
                 "all points are behind the camera: check the working distance and the unit"

@@ -15,6 +15,8 @@ import numpy as np
 from rig.arrays import Bool, Float32, Float64, Int16, Int32, Int64
 from rig.kernels import PART
 
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
+
 # Number of rows in a band, which one thread draws alone.
 BAND_ROWS = 32
 # Corners are rounded to 1 / 2^14 pixel. Up to 4096 pixels from a pixel, products of two distances

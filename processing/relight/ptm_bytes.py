@@ -22,6 +22,8 @@ from rig import in_threads
 from rig.arrays import Float32, Float64, UInt8
 from rig.kernels import PART
 
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
+
 # Shares of the pixels outside the ranges whose relations the six scales have; the best one counts.
 _OUTSIDE = (1e-5, 1e-4, 1e-3)
 _SOME = 5_000

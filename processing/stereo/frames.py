@@ -10,6 +10,8 @@ from rig import in_threads
 from rig.arrays import AnyArray, Float32, Int64, Intp
 from rig.kernels import PART
 
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
+
 Flat = tuple[AnyArray, ...]
 
 # Pixels that are solved together. Their samples fit into the second-level cache.

@@ -10,7 +10,7 @@ import numpy as np
 from processing.stereo.pixel_algebra import ANY_ORDER, IN_PLACE, ranked
 from rig.arrays import Float32, Float64
 
-# Compiled in: processing/stereo/pixel_algebra.py 26b23d5074af
+# Compiled in: processing/stereo/pixel_algebra.py c45e51bec347
 
 _ITERATIONS = 12
 # In the first iterations samples up to this multiple of the spread have weight 1, others 0.

@@ -16,7 +16,8 @@ from processing.stereo.frames import TILE
 from rig.arrays import Float32
 from rig.kernels import INLINED, PART
 
-# Compiled in: processing/stereo/frames.py 2d8f4408ee98
+# Compiled in: processing/stereo/frames.py f61390f77b18
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
 
 _FAST = {"contract", "nsz"}
 # Least determinant of normal equations, relative to the cubed trace, that sums in float32 solve: a

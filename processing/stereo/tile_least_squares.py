@@ -31,8 +31,9 @@ from rig import Progress
 from rig.arrays import Bool, Float32, Float64, Intp, UInt16
 from rig.kernels import INLINED, PART
 
-# Compiled in: processing/stereo/frames.py 2d8f4408ee98
-# Compiled in: processing/stereo/tile_kernels.py 8de22d575180
+# Compiled in: processing/stereo/frames.py f61390f77b18
+# Compiled in: processing/stereo/tile_kernels.py 502b58c90a89
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
 
 # Pixels that share buffers and a thread.
 _BLOCK = 32 * TILE

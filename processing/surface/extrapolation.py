@@ -16,6 +16,8 @@ import numpy as np
 from rig.arrays import Float32, Float64
 from rig.kernels import PART
 
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
+
 # Larger errors, in pixels, are those of jumps and folds, which more normals do not explain.
 _LARGEST_PX = 0.1
 

@@ -13,6 +13,8 @@ import numpy as np
 from rig.arrays import Float32, Float64, Int32
 from rig.kernels import PART
 
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
+
 
 @numba.njit(**PART)
 def _find(parent: Int32, node: int) -> int:

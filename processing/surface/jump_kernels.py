@@ -13,6 +13,8 @@ import numpy as np
 from rig.arrays import Float32, Float64
 from rig.kernels import PART
 
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
+
 # Beyond this exponent, a share is 0 or 1 in float32.
 _LARGEST_EXPONENT = 50.0
 # Least factor of the trust of the two pixels of an edge, and of the gate of its residual.

@@ -12,6 +12,8 @@ import numpy as np
 from rig.arrays import Float32, Float64
 from rig.kernels import PART
 
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
+
 
 @numba.njit(cache=True)
 def aggregate(right: Float32, down: Float32) -> tuple[Float32, Float32]:

@@ -10,6 +10,8 @@ import numpy as np
 from rig.arrays import Float32
 from rig.kernels import PART
 
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
+
 # More samples per axis of a footprint do not change its mean visibly.
 _MOST_SAMPLES = 8
 # The largest factor on slopes that makes a mean over footprints as steep as the exemplar.

@@ -12,7 +12,8 @@ from processing.synthesis.patch_search import GOLDEN, GROUND, REFINED, STEPS, mi
 from rig.arrays import Float32, Float64, Int32
 from rig.kernels import INLINED, PART
 
-# Compiled in: processing/synthesis/patch_search.py 525035d142dc
+# Compiled in: processing/synthesis/patch_search.py 1d7cb504f7ac
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
 
 _FAST = {"contract", "reassoc"}
 # The random places are compared at every fifth known pixel.

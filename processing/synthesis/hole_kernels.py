@@ -10,8 +10,9 @@ from processing.synthesis.patch_search import stream
 from rig.arrays import Float32, Float64, Int32, UInt8
 from rig.kernels import INLINED, PART
 
-# Compiled in: processing/detail/minimum_cuts.py bb2f904075fe
-# Compiled in: processing/synthesis/patch_search.py 525035d142dc
+# Compiled in: processing/detail/minimum_cuts.py 595407bbeb71
+# Compiled in: processing/synthesis/patch_search.py 1d7cb504f7ac
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
 
 _FAST = {"contract", "reassoc"}
 # States of pixels; 0 is outside the object.

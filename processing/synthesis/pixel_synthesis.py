@@ -16,7 +16,7 @@ from processing.synthesis.sheet_synthesis import Synthesis
 from rig import Progress, no_progress
 from rig.arrays import Bool, Float32, Int32
 
-# Compiled in: processing/synthesis/patch_search.py 525035d142dc
+# Compiled in: processing/synthesis/patch_search.py 1d7cb504f7ac
 
 # Pixels of the sheet, times places of the exemplar, times pixels of a neighbourhood.
 _MOST_COMPARISONS = 1e12

@@ -16,8 +16,9 @@ from rig import in_threads
 from rig.arrays import Float32, Float64, Int32, Int64, UInt8
 from rig.kernels import INLINED
 
-# Compiled in: processing/detail/minimum_cuts.py bb2f904075fe
-# Compiled in: processing/synthesis/patch_search.py 525035d142dc
+# Compiled in: processing/detail/minimum_cuts.py 595407bbeb71
+# Compiled in: processing/synthesis/patch_search.py 1d7cb504f7ac
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
 CANDIDATES = 2400
 # Rows of patches of a strip: as many threads can place patches of one diagonal.
 ROWS = 16

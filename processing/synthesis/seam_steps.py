@@ -13,6 +13,8 @@ from rig import in_threads
 from rig.arrays import AnyArray, Float32, Float64, Int64, UInt8
 from rig.kernels import PART
 
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
+
 # Steps and figures are measured on at most this many rows and columns, in the middle.
 MOST = 2048
 # Rows that are read at once.

@@ -14,10 +14,11 @@ from processing.synthesis.patch_search import stream
 from rig.arrays import Float32, Int32, UInt8
 from rig.kernels import INLINED
 
-# Compiled in: processing/detail/minimum_cuts.py bb2f904075fe
-# Compiled in: processing/synthesis/footprint_kernels.py 3c8a37a6b9b2
-# Compiled in: processing/synthesis/footprint_search.py 039658610ac4
-# Compiled in: processing/synthesis/patch_search.py 525035d142dc
+# Compiled in: processing/detail/minimum_cuts.py 595407bbeb71
+# Compiled in: processing/synthesis/footprint_kernels.py dd7033e3eaec
+# Compiled in: processing/synthesis/footprint_search.py cbd51caeed44
+# Compiled in: processing/synthesis/patch_search.py 1d7cb504f7ac
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
 
 # A guide is compared at this many rows and columns of a patch.
 _GUIDE_SAMPLES = 6

@@ -149,7 +149,7 @@ def _flash(bench: Bench, led: int | None, times: ShotTimes, light: str) -> tuple
 def explained(error: CameraError, where: str, check: str) -> CameraError:
     """Return the error of an awaited frame with its circumstances, and what to check.
 
-    Nothing is to be checked if this computer was too busy.
+    Nothing needs a check if this computer was too busy.
     """
     if not isinstance(error, FrameLostError):
         return CameraError(f"{error}; {where}: {check}")

@@ -15,6 +15,8 @@ from rig.kernels import PART
 from simulator.noise.dice import GOLDEN, MIX_1, MIX_2, stream
 from simulator.scene.lamps import Lamps
 
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
+
 # Below this mean, Poisson numbers are drawn exactly; above it, by an expansion whose distribution
 # function, rounded to whole electrons, is within 0.0015 of the exact one.
 EXACT_BELOW_E = np.float32(12.0)

@@ -15,6 +15,8 @@ from rig.arrays import Bool, Float32, Float64, Floating, Integer
 from rig.kernels import PART
 from simulator.rendering.shade import lamp_table
 
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
+
 # Determinants below this share of the product of the diagonal mean that the lights are coplanar.
 _SINGULAR = 1e-10
 

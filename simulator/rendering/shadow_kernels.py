@@ -16,6 +16,8 @@ import numba
 from rig.arrays import Bool, Float32, Float64
 from rig.kernels import PART
 
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
+
 TILE = 16
 # Neighbouring heights that differ by more than this many steps are the two sides of a wall.
 WALL = 4.0

@@ -15,6 +15,7 @@ from rig.kernels import PART
 from simulator.scene.clutter import BALL
 from simulator.scene.scene import Scene
 
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
 # Compiled in: simulator/scene/clutter.py 1dcce88b9e5d
 
 _BOUNCES = 4

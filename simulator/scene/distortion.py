@@ -14,6 +14,8 @@ from rig import in_threads
 from rig.arrays import Float64
 from rig.kernels import PART
 
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
+
 _NEWTON_STEPS = 60
 _HALVINGS = 20
 _TOLERANCE = 1e-12

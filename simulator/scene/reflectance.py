@@ -17,6 +17,8 @@ from rig.arrays import Float32, Float64, Int8, Int64
 from rig.kernels import PART
 from simulator.shapes.ranges import check_within
 
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
+
 _LAMBERT, _OREN_NAYAR, _GGX = 0, 1, 2
 BLOCK = 1024  # points of a block
 # Smallest cosine to the camera: normals interpolated over a mesh may face away from the camera

@@ -19,6 +19,8 @@ from rig.arrays import Bool, Float64, Int32
 from rig.kernels import PART
 from simulator.shapes.bvh_growth import STACK, grow
 
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
+
 
 @dataclass(frozen=True, eq=False)
 class TriangleTree:

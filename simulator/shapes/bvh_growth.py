@@ -13,6 +13,8 @@ import numpy as np
 from rig.arrays import Float64, Int32
 from rig.kernels import PART
 
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
+
 STACK = 96  # maximum number of waiting nodes in a traversal of any tree
 _BINS = 16
 _LEAF = 4

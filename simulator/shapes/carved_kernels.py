@@ -18,6 +18,8 @@ import numba
 from rig.arrays import Float64
 from rig.kernels import PART
 
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
+
 Point = tuple[float, float, float]
 
 CELLS = 64  # along each side of the table

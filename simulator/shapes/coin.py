@@ -18,6 +18,8 @@ from rig.kernels import PART
 from simulator.shapes.field_trace import FieldBounds
 from simulator.shapes.surface import SphericalCap, Surface, drawn, random_waves
 
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
+
 _DESIGN_RADIUS = 80.0  # all lengths below are for a coin of this radius
 _TEXT = "FIAT LVX"
 _LETTER_FOOT, _LETTER_HEIGHT, _LETTER_GAP = 51.0, 15.0, 8.0

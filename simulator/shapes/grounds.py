@@ -19,6 +19,8 @@ from rig.kernels import PART
 from simulator.shapes.patterns import Pattern, blend, turned
 from simulator.shapes.ranges import Albedo
 
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
+
 # A glyph is 3 x 5 modules of a cell of 4 x 9: the rest is the space between letters and lines.
 _GLYPH_COLUMNS, _GLYPH_ROWS, _CELL_COLUMNS, _CELL_ROWS = 3, 5, 4, 9
 

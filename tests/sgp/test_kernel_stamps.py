@@ -6,6 +6,7 @@ file therefore names the others with the first digits of their SHA-256.
 """
 
 import ast
+import re
 from collections.abc import Iterator
 from hashlib import sha256
 from pathlib import Path
@@ -26,7 +27,17 @@ def compiled_in(text: str) -> Iterator[str]:
         module = (node.module or "") if isinstance(node, ast.ImportFrom) else ""
         names = {name.asname or name.name for name in getattr(node, "names", ())}
         if module.split(".")[0] in PACKAGES and used & names:
-            yield f"{module.replace('.', '/')}.py"
+            yield from sorted({file_of(module, name) for name in used & names})
+
+
+def file_of(module: str, name: str) -> str:
+    """Return the file from which a name is imported, behind the face of a folder."""
+    place = module.replace(".", "/")
+    face = ROOT / place / "__init__.pyi"
+    if face.exists():
+        found = re.search(rf"from \.(\w+) import \w+ as {name}$", face.read_text(), re.M)
+        place = f"{place}/{found[1]}" if found else place
+    return f"{place}.py"
 
 
 def test_a_file_names_the_versions_of_the_kernels_that_it_calls() -> None:

@@ -111,9 +111,9 @@ def test_session_is_complete_and_each_test_has_its_own(run):
 
 def test_session_is_recorded_once_for_each_scene(run, monkeypatch):
     recorded = []
-    record = sgp.sessions.simulation.record_simulated
+    record = sgp.sessions.record_simulated
     monkeypatch.setattr(
-        sgp.sessions.simulation,
+        sgp.sessions,
         "record_simulated",
         lambda *args, **more: recorded.append(more["seed"]) or record(*args, **more),
     )
