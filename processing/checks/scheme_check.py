@@ -25,14 +25,23 @@ from rig.arrays import Bool, Float64
 
 Kind = Literal["brightness", "moved", "swapped", "clipped", "striped", "shifted", "foreign"]
 # The code of the notice, and what to do.
-_NOTICES: dict[Kind, tuple[str, str]] = {
-    "swapped": ("images-swapped", "check the order of images and lights"),
-    "moved": ("light-moved", "did a lamp move, or is the image turned?"),
-    "brightness": ("light-brightness", "check intensities and exposure times"),
-    "clipped": ("image-clipped", "check the exposure and the white level"),
-    "striped": ("image-striped", "record the image again"),
-    "shifted": ("image-shifted", "the object or the camera moved: record the image again"),
-    "foreign": ("image-disagrees", "it may show another moment, other exposure, or stray light"),
+_CODES: dict[Kind, str] = {
+    "swapped": "images-swapped",
+    "moved": "light-moved",
+    "brightness": "light-brightness",
+    "clipped": "image-clipped",
+    "striped": "image-striped",
+    "shifted": "image-shifted",
+    "foreign": "image-disagrees",
+}
+_REMEDIES: dict[Kind, str] = {
+    "swapped": "check the order of images and lights",
+    "moved": "did a lamp move, or is the image turned?",
+    "brightness": "check intensities and exposure times",
+    "clipped": "check the exposure and the white level",
+    "striped": "record the image again",
+    "shifted": "the object or the camera moved: record the image again",
+    "foreign": "it may show another moment, other exposure, or stray light",
 }
 
 # Samples below this share of the brightest of their pixel may be in shadow.
@@ -400,7 +409,7 @@ def scheme_notices(check: SchemeCheck, ids: Sequence[str]) -> list[Notice]:
         )
         return [Notice("images-undecided", text)]
     notices = []
-    for kind, (code, remedy) in _NOTICES.items():
+    for kind, remedy in _REMEDIES.items():
         rows = [one for one in check.found if one.kind == kind]
         if not rows:
             continue
@@ -408,7 +417,7 @@ def scheme_notices(check: SchemeCheck, ids: Sequence[str]) -> list[Notice]:
         more = f" and {len(rows) - _LISTED} more" if len(rows) > _LISTED else ""
         noun = pluralize(len(rows), "image does", "images do")
         text = f"{noun} not agree with the others: {names}{more}; {remedy}"
-        notices.append(Notice(code, text, ", ".join(ids[one.image] for one in rows)))
+        notices.append(Notice(_CODES[kind], text, ", ".join(ids[one.image] for one in rows)))
     return notices
 
 

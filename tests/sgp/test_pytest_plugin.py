@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-import sgp.sessions.simulation
+import sgp.sessions
 from simulator import open_rig_seeing, render, scene_named
 
 pytest_plugins = ["pytester"]
