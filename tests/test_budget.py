@@ -15,7 +15,7 @@ PACKAGES = ("rig", "acquisition", "calibration", "processing", "simulator", "sgp
 # At most, for each package: code lines (without docstrings, comments and blanks), names at the
 # top, modules.
 BUDGET = {
-    "rig": (3721, 44, 57),
+    "rig": (3692, 44, 58),
     "acquisition": (14624, 60, 144),
     "calibration": (10242, 32, 87),
     "processing": (19142, 61, 180),

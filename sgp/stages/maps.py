@@ -11,7 +11,7 @@ from typing import Any
 import acquisition
 import processing
 import rig
-from sgp.cli.console import Stages
+from sgp.cli.console import Stages, with_progress
 from sgp.cli.options import Green
 from sgp.results import input_hashes
 from sgp.stages.given_normals import with_remedy
@@ -124,8 +124,7 @@ def stage_maps(
         whole = [given.read() for given in inputs] if read is None else read
         maps = [one.normal_map for one in whole]
         notices, used = _of_all(whole)
-        with Stages() as progress:
-            made = processing.stages.computed(stage, *maps, on_progress=progress)
+        made = with_progress(processing.stages.computed)(stage, *maps)
         yield StageMaps(made, tuple(maps), notices, used)
         return
     greens = {str(one.option).strip("-").replace("-", "_"): one.green for one in inputs}

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 import acquisition
 import processing
 from rig.arrays import Bool
-from sgp.cli.console import Stages
+from sgp.cli.console import with_progress
 from sgp.cli.exit import UsageError
 from sgp.cli.options import Count, Green, Order, Positive, Triangles
 
@@ -33,10 +33,8 @@ class MapOptions:
         self, folder: Path, normals: acquisition.MapRows, mask: Bool, name: str = "normals"
     ) -> dict[str, Path]:
         """Write a map with its mask, and show the progress; return the files."""
-        with Stages() as progress:
-            return processing.maps.write_normal_rows(
-                folder, normals, mask, name, green=self.green_out, on_progress=progress
-            )
+        write = with_progress(processing.maps.write_normal_rows)
+        return write(folder, normals, mask, name, green=self.green_out)
 
     def write_map(self, folder: Path, normal_map: processing.NormalMap) -> dict[str, Path]:
         """Write a map of normals as `write` does."""

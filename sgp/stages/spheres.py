@@ -13,7 +13,7 @@ import acquisition
 import calibration
 import rig
 from rig.arrays import Float32
-from sgp.cli.console import Stages
+from sgp.cli.console import with_progress
 from sgp.cli.threads import opencv_threads
 from sgp.results import Result, SpheresMetrics, complete_provenance
 
@@ -120,8 +120,7 @@ def given_radii(radius_mm: Sequence[float]) -> float | Sequence[float] | None:
 
 def undivided_images(source: acquisition.Source) -> calibration.Stack:
     """Read images as recorded, without dividing by the light intensities of the source."""
-    with Stages() as progress:
-        return calibration.raw_stack(replace(source, lights=None), on_progress=progress)
+    return with_progress(calibration.raw_stack)(replace(source, lights=None))
 
 
 def write_calibration(

@@ -11,7 +11,7 @@ import numpy as np
 import acquisition
 import processing
 from rig.arrays import Bool
-from sgp.cli.console import Stages, shown
+from sgp.cli.console import shown, with_progress
 from sgp.pictures import Crop, lit_panel, write_overview
 from sgp.results import Result, SynthesisMetrics, figures_of
 
@@ -96,8 +96,7 @@ def measure_transfer(
     result: Result,
 ) -> dict[str, float]:
     """Separate the result again, add to the summary, and return the figures."""
-    with Stages() as progress:
-        again = processing.separate(normals, shape_filter=shape_filter, on_progress=progress)
+    again = with_progress(processing.separate)(normals, shape_filter=shape_filter)
     fidelity = processing.detail.TransferFidelity(shape, made.detail, again)
     pair = (fidelity.result.detail, fidelity.detail)
     result.summary += [
