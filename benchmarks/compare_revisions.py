@@ -173,12 +173,13 @@ height = 256
 cfa = "RGGB"
 """,
 }
-# In texts: clocks, durations, the load of the machine, temporary folders, kernels that are compiled,
-# and hashes, because some are of files with clocks; `sgp verify` checks those of a run. Keys of the
+# In texts: clocks, durations, the load of the machine, temporary folders, compiled kernels, and
+# hashes, because some are of files with clocks; `sgp verify` checks those of a run. Keys of the
 # same in records.
 UNSTABLE = re.compile(
     r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d+)?)?(Z|\+00:00)?|\d+(\.\d+)? (s|ms|min|h)\b"
-    r"|compiling kernels.*\n|[\d.]+ a minute|[\d.]+ [KMG]B|\b[0-9a-f]{64}\b|sgp-board-\w+|\b1\d{18}\b"
+    r"|compiling kernels.*\n"
+    r"|[\d.]+ a minute|[\d.]+ [KMG]B|\b[0-9a-f]{64}\b|sgp-board-\w+|\b1\d{18}\b"
 )
 CLOCKS = re.compile(
     r"seconds|_utc$|_ns$|_s$|_mb_per_s$|free_|line_sha|toml_sha|timestamp|^uptime_ms$|^seq$|^bytes$"
