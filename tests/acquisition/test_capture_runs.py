@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.cases import cases
+
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
 
@@ -69,17 +71,16 @@ def test_recordings_with_faults_end_dark_and_can_be_resumed(fault: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="runs the virtual board on a pty")
-@pytest.mark.parametrize(
+@cases(
     ("words", "code", "said"),
-    [
-        pytest.param(("soak.py", "--flashes", "0", "--cycles", "5"), 0, "5 times opened", id="few"),
-        pytest.param(
+    {
+        "few": (("soak.py", "--flashes", "0", "--cycles", "5"), 0, "5 times opened"),
+        "too much memory": (
             ("soak.py", "--flashes", "0", "--cycles", "5", "--growth-mib", "-9999"),
             1,
             "MiB more than after a tenth",
-            id="too much memory",
         ),
-        pytest.param(
+        "all frames lost": (
             (
                 "sequence_stress.py",
                 "--sequences",
@@ -93,15 +94,13 @@ def test_recordings_with_faults_end_dark_and_can_be_resumed(fault: str) -> None:
             ),
             1,
             "recordings ended                1",
-            id="all frames lost",
         ),
-        pytest.param(
+        "too slow": (
             ("rig_pass.py", "--lights", "4", "--size", "64x48", "--rate", "2000"),
             1,
             "software takes more than 1.5 times the camera's time",
-            id="too slow",
         ),
-    ],
+    },
 )
 def test_a_run_that_misses_its_limit_fails(words: tuple[str, ...], code: int, said: str) -> None:
     ended = subprocess.run(

@@ -19,6 +19,7 @@ from calibration.spheres.solve.lost_images import blank_images
 from tests.calibration.conftest import codes
 from tests.calibration.spheres_and_object import CIRCLES, write_recording
 from tests.calibration.uneven_balls import uneven_ball
+from tests.cases import cases
 from tests.quick_sample import quick
 
 DATA = os.environ.get("SGP_DATA")
@@ -282,20 +283,17 @@ def test_one_lost_image_of_few_is_refused_in_the_singular():
         calibrated(values[:4], circle)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("shown", "says"),
-    [
-        pytest.param((3,), "light L08 is left out: record them again", id="one"),
-        pytest.param(
-            (3, 8),
-            "the images do not count: record them again",
-            id="both",
-            marks=pytest.mark.slow,
+    {
+        "one": ((3,), "light L08 is left out: record them again"),
+        "both": pytest.param(
+            (3, 8), "the images do not count: record them again", marks=pytest.mark.slow
         ),
-        pytest.param(
-            (), "the lights are left out: record them again", id="none", marks=pytest.mark.slow
+        "none": pytest.param(
+            (), "the lights are left out: record them again", marks=pytest.mark.slow
         ),
-    ],
+    },
 )
 def test_what_other_recordings_show_of_blank_images(shown, says):
     values, circle, _ = uneven_ball(CIRCLED, lights=16)
