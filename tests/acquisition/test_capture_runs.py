@@ -15,16 +15,21 @@ from tests.cases import cases
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
 
-def run(*words: str) -> str:
-    """Run a benchmark and return its output; it must succeed."""
-    ended = subprocess.run(
+def ended_run(*words: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run a benchmark to its end."""
+    return subprocess.run(
         [sys.executable, str(BENCHMARKS / words[0]), *words[1:]],
         capture_output=True,
         text=True,
         check=False,
         timeout=200,
-        env=os.environ | {"NUMBA_NUM_THREADS": "1"},
+        env=os.environ | environment,
     )
+
+
+def run(*words: str) -> str:
+    """Run a benchmark and return its output; it must succeed."""
+    ended = ended_run(*words, NUMBA_NUM_THREADS="1")
     assert ended.returncode == 0, ended.stdout + ended.stderr
     assert ended.stdout.endswith("passed\n")
     return ended.stdout
@@ -103,13 +108,7 @@ def test_recordings_with_faults_end_dark_and_can_be_resumed(fault: str) -> None:
     },
 )
 def test_a_run_that_misses_its_limit_fails(words: tuple[str, ...], code: int, said: str) -> None:
-    ended = subprocess.run(
-        [sys.executable, str(BENCHMARKS / words[0]), *words[1:]],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=200,
-    )
+    ended = ended_run(*words)
     assert ended.returncode == code, ended.stdout + ended.stderr
     assert said in ended.stdout
     assert "Traceback" not in ended.stderr
