@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -21,3 +22,25 @@ def rig(bench: Bench) -> Iterator[Rig]:
     yield rig
     bench.off_fails = False
     rig.close()
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """An empty folder for the images of a camera."""
+    (tmp_path / "in").mkdir()
+    return tmp_path / "in"
+
+
+@pytest.fixture
+def out(tmp_path: Path) -> Path:
+    """A folder for a session, which does not exist."""
+    return tmp_path / "out"
+
+
+@pytest.fixture
+def victim(tmp_path: Path) -> Path:
+    """A file outside, which nothing may change."""
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+    (folder / "victim").write_bytes(b"mine")
+    return folder / "victim"

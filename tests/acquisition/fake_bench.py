@@ -86,6 +86,15 @@ class Bench:
         pixels = seen(led, self.exposure_us - 0.25, self.albedo, self.room)
         return CameraFrame(pixels, frame_id, 1000, self.exposure_us, self.gain_db, 41.5)
 
+    def unplug_at(self, number: int) -> None:
+        """Let the camera fail at a given frame."""
+
+        def unplug(frame: int) -> None:
+            if frame == number:
+                raise CameraError("the camera was unplugged")
+
+        self.on_trigger = unplug
+
     def expect(self) -> int:
         raise CameraError("fake: has no trigger line")
 
@@ -107,16 +116,13 @@ def events_of(session: Session) -> list[EventLine]:
     return [line for line in session.events if line.event not in ("paused", "resumed")]
 
 
-def cut(rig: Rig, bench: Bench, folder: Path, at: int, plan: CapturePlan = PLAN) -> Path:
+def cut(
+    rig: Rig, bench: Bench, folder: Path, at: int, plan: CapturePlan = PLAN, **options: Any
+) -> Path:
     """Record until the camera fails at a given frame."""
-
-    def fail(number: int) -> None:
-        if number == at:
-            raise CameraError("the camera was unplugged")
-
-    bench.on_trigger = fail
+    bench.unplug_at(at)
     with pytest.raises(CameraError):
-        record(rig, plan, folder, LABELS)
+        record(rig, plan, folder, LABELS, **options)
     bench.on_trigger = lambda number: None
     bench.shots.clear()
     return folder

@@ -5,13 +5,12 @@ from __future__ import annotations
 import tomllib
 from pathlib import Path
 
-import pytest
 import tomli_w
 
-from acquisition import Calibrations, NoiseModel, Session, record
+from acquisition import Calibrations, NoiseModel, Session
 from acquisition.session.manifest import _ADDED
 from rig import CameraError, Rig
-from tests.acquisition.fake_bench import LABELS, PLAN, Bench
+from tests.acquisition.fake_bench import Bench, cut
 from tests.acquisition.mutants import rows_of, seal
 
 
@@ -19,17 +18,7 @@ def interrupted(
     rig: Rig, bench: Bench, folder: Path, at: int, sensor: NoiseModel | None = None
 ) -> Session:
     """Record until the camera fails at a given frame."""
-
-    def fail(number: int) -> None:
-        if number == at:
-            raise CameraError("the camera was unplugged")
-
-    bench.on_trigger = fail
-    with pytest.raises(CameraError):
-        record(rig, PLAN, folder, LABELS, calibrations=Calibrations(sensor=sensor))
-    bench.on_trigger = lambda number: None
-    bench.shots.clear()
-    return Session.open(folder)
+    return Session.open(cut(rig, bench, folder, at, calibrations=Calibrations(sensor=sensor)))
 
 
 def fail_after(number: int, last: int) -> None:

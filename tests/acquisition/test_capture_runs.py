@@ -10,19 +10,26 @@ from pathlib import Path
 
 import pytest
 
+from tests.cases import cases
+
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
 
-def run(*words: str) -> str:
-    """Run a benchmark and return its output; it must succeed."""
-    ended = subprocess.run(
+def ended_run(*words: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run a benchmark to its end."""
+    return subprocess.run(
         [sys.executable, str(BENCHMARKS / words[0]), *words[1:]],
         capture_output=True,
         text=True,
         check=False,
         timeout=200,
-        env=os.environ | {"NUMBA_NUM_THREADS": "1"},
+        env=os.environ | environment,
     )
+
+
+def run(*words: str) -> str:
+    """Run a benchmark and return its output; it must succeed."""
+    ended = ended_run(*words, NUMBA_NUM_THREADS="1")
     assert ended.returncode == 0, ended.stdout + ended.stderr
     assert ended.stdout.endswith("passed\n")
     return ended.stdout
@@ -69,17 +76,16 @@ def test_recordings_with_faults_end_dark_and_can_be_resumed(fault: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="runs the virtual board on a pty")
-@pytest.mark.parametrize(
+@cases(
     ("words", "code", "said"),
-    [
-        pytest.param(("soak.py", "--flashes", "0", "--cycles", "5"), 0, "5 times opened", id="few"),
-        pytest.param(
+    {
+        "few": (("soak.py", "--flashes", "0", "--cycles", "5"), 0, "5 times opened"),
+        "too much memory": (
             ("soak.py", "--flashes", "0", "--cycles", "5", "--growth-mib", "-9999"),
             1,
             "MiB more than after a tenth",
-            id="too much memory",
         ),
-        pytest.param(
+        "all frames lost": (
             (
                 "sequence_stress.py",
                 "--sequences",
@@ -93,24 +99,16 @@ def test_recordings_with_faults_end_dark_and_can_be_resumed(fault: str) -> None:
             ),
             1,
             "recordings ended                1",
-            id="all frames lost",
         ),
-        pytest.param(
+        "too slow": (
             ("rig_pass.py", "--lights", "4", "--size", "64x48", "--rate", "2000"),
             1,
             "software takes more than 1.5 times the camera's time",
-            id="too slow",
         ),
-    ],
+    },
 )
 def test_a_run_that_misses_its_limit_fails(words: tuple[str, ...], code: int, said: str) -> None:
-    ended = subprocess.run(
-        [sys.executable, str(BENCHMARKS / words[0]), *words[1:]],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=200,
-    )
+    ended = ended_run(*words)
     assert ended.returncode == code, ended.stdout + ended.stderr
     assert said in ended.stdout
     assert "Traceback" not in ended.stderr

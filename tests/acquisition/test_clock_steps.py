@@ -5,10 +5,9 @@ from __future__ import annotations
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-import pytest
-
 from acquisition.session import EventLine, Journal, Manifest, RigRecord
 from acquisition.session.clock_steps import clock_steps
+from tests.cases import cases
 
 STARTED = datetime(2026, 3, 14, 9, 26, tzinfo=UTC)
 RIG = RigRecord(name="dome", driver="bench", board="b", protocol="2", firmware="1", leds=4)
@@ -31,21 +30,19 @@ def journal(*events: tuple[float, str]) -> Journal:
     return Journal(tuple(lines), b"", "")
 
 
-@pytest.mark.parametrize(
+@cases(
     ("events", "said"),
-    [
-        pytest.param([(0, "a"), (0.1, "b"), (23, "c")], None, id="paused for a day"),
-        pytest.param([(0, "a"), (0.01, "b"), (-0.05, "c")], None, id="corrected by minutes"),
-        pytest.param([(0, "a"), (8000, "reopened"), (8001, "c")], None, id="resumed after months"),
-        pytest.param([(0, "a"), (-1, "b")], "08:26 UTC before line 2:", id="back by an hour"),
-        pytest.param([(-200_000, "a")], "before line 1:", id="before the start"),
-        pytest.param([(0, "a"), (30, "b")], "before line 2:", id="on by a day"),
-        pytest.param([(0, "a"), (9000, "reopened")], "before line 2:", id="resumed after years"),
-        pytest.param([(0, "a"), (-1, "reopened")], "before line 2:", id="resumed before"),
-        pytest.param(
-            [(0, "a"), (90, "b"), (1, "c")], "before line 2, and 1 more time:", id="there and back"
-        ),
-    ],
+    {
+        "paused for a day": ([(0, "a"), (0.1, "b"), (23, "c")], None),
+        "corrected by minutes": ([(0, "a"), (0.01, "b"), (-0.05, "c")], None),
+        "resumed after months": ([(0, "a"), (8000, "reopened"), (8001, "c")], None),
+        "back by an hour": ([(0, "a"), (-1, "b")], "08:26 UTC before line 2:"),
+        "before the start": ([(-200_000, "a")], "before line 1:"),
+        "on by a day": ([(0, "a"), (30, "b")], "before line 2:"),
+        "resumed after years": ([(0, "a"), (9000, "reopened")], "before line 2:"),
+        "resumed before": ([(0, "a"), (-1, "reopened")], "before line 2:"),
+        "there and back": ([(0, "a"), (90, "b"), (1, "c")], "before line 2, and 1 more time:"),
+    },
 )
 def test_steps_are_named_once(events: list[tuple[float, str]], said: str | None) -> None:
     found = clock_steps(Path("s"), MANIFEST, journal(*events))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import json
 import os
 import shutil
 import subprocess
@@ -18,6 +17,7 @@ from acquisition import CapturePlan, Session, StorageError, verify_session
 from acquisition.plan import PlannedShot
 from acquisition.session import SessionWriter, compact_session
 from rig import Notice
+from tests.acquisition.dying import dying
 from tests.acquisition.small_session import PLAN, names, picture, whole, write
 
 CALLS = ("write", "fsync", "replace", "unlink")
@@ -102,56 +102,13 @@ except StorageError as error:
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == files
 
 
-SERVER = """
-import json, os, sys
-from acquisition.session import compact_session
-
-def deadly(name, calls, dies_at):
-    real = getattr(os, name)
-    def call(*arguments, **options):
-        calls[0] += 1
-        if calls[0] == dies_at:
-            if name == "write":
-                real(arguments[0], bytes(arguments[1])[: len(arguments[1]) // 2])
-            os._exit(9)
-        return real(*arguments, **options)
-    setattr(os, name, call)
-
-print("ready", flush=True)
-for line in sys.stdin:
-    folder, dies_at = json.loads(line)
-    pid = os.fork()
-    if pid == 0:
-        calls = [0]
-        for name in ("write", "fsync", "replace", "unlink", "mkdir"):
-            deadly(name, calls, dies_at)
-        try:
-            compact_session(folder)
-        finally:
-            os._exit(0)
-    print(os.waitpid(pid, 0)[1], flush=True)
-"""
+PROGRAM = "from acquisition.session import compact_session as act"
 
 
 @pytest.fixture(scope="module")
-def server() -> Iterator[Callable[[Path, int], int]]:
-    process = subprocess.Popen(
-        [sys.executable, "-c", SERVER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    )
-    assert process.stdin is not None
-    assert process.stdout is not None
-    stdin, stdout = process.stdin, process.stdout
-    assert stdout.readline() == "ready\n"
-
-    def compact(folder: Path, dies_at: int) -> int:
-        stdin.write(json.dumps([str(folder), dies_at]) + "\n")
-        stdin.flush()
-        return int(stdout.readline())
-
-    yield compact
-    stdin.close()
-    stdout.close()
-    process.wait(10)
+def died() -> Iterator[Callable[..., bool]]:
+    with dying(PROGRAM, *CALLS, "mkdir") as died:
+        yield died
 
 
 @pytest.mark.slow
@@ -162,17 +119,17 @@ def server() -> Iterator[Callable[[Path, int], int]]:
 )
 @pytest.mark.parametrize("complete", [True, False], ids=["complete", "incomplete"])
 def test_death_at_every_call_to_the_disk(
-    server: Callable[[Path, int], int], tmp_path: Path, plan: CapturePlan | None, complete: bool
+    died: Callable[..., bool], tmp_path: Path, plan: CapturePlan | None, complete: bool
 ) -> None:
     """One process per call, killed within a write. Another compaction completes the session."""
     original = write(tmp_path / "original", plan=plan, complete=complete)
     frames = len(Session.open(original).recorded)
-    status, dies_at, cut_off = -1, 0, 0
-    while status != 0:
+    killed, dies_at, cut_off = True, 0, 0
+    while killed:
         dies_at += 1
         folder = tmp_path / f"s{dies_at}"
         shutil.copytree(original, folder)
-        status = server(folder, dies_at)
+        killed = died(str(folder), dies_at=dies_at)
         cut_off += complete and not whole(folder)
         done = compact_session(folder)
         assert done.complete is complete
@@ -185,10 +142,10 @@ def test_death_at_every_call_to_the_disk(
 
 
 def test_resuming_a_capture_after_a_compaction_that_died_makes_it_complete(
-    server: Callable[[Path, int], int], tmp_path: Path
+    died: Callable[..., bool], tmp_path: Path
 ) -> None:
     folder = write(tmp_path / "s")
-    assert server(folder, 16) != 0
+    assert died(str(folder), dies_at=16)
     assert not whole(folder)
     with SessionWriter.reopen(folder) as writer:
         assert writer.missing == ()

@@ -94,12 +94,7 @@ def test_a_stuck_disk_is_noted_after_another_error(
     rig: RealRig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     gate = Gate(monkeypatch)
-
-    def fail(number: int) -> None:
-        if number == 3:
-            raise CameraError("the camera was unplugged")
-
-    bench.on_trigger = fail
+    bench.unplug_at(3)
     with pytest.raises(CameraError, match="unplugged") as caught:
         record(rig, PLAN, tmp_path / "s", LABELS, stall_s=0.2)
     (note,) = caught.value.__notes__
@@ -118,13 +113,9 @@ def test_a_slow_disk_may_finish_after_an_error(
         time.sleep(0.1)
         return real(path, pixels)
 
-    def fail(number: int) -> None:
-        if number == 5:
-            raise CameraError("the camera was unplugged")
-
     monkeypatch.setattr(_session_writer, "store_frame", slow)
     monkeypatch.setattr(_carry_out, "_PATIENCE_S", 0.0)
-    bench.on_trigger = fail
+    bench.unplug_at(5)
     with pytest.raises(CameraError):
         record(rig, PLAN, tmp_path / "s", LABELS)
     session = Session.open(tmp_path / "s")

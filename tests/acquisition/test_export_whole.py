@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import errno
-import json
 import os
 import shutil
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -31,6 +29,7 @@ from acquisition.files import staging as _staging
 from acquisition.imports import read_import
 from acquisition.plan import PlannedShot
 from acquisition.session import LightsRecord, SessionWriter
+from tests.acquisition.dying import dying
 from tests.acquisition.small_session import manifest
 
 SIZE = (12, 16)
@@ -71,61 +70,20 @@ def refused(folder: Path) -> bool:
     return True
 
 
-SERVER = """
-import json, os, sys
+PROGRAM = """
 from pathlib import Path
 from acquisition.exports import prepare_export
 
-def deadly(name, calls, dies_at):
-    real = getattr(os, name)
-    def call(*arguments, **options):
-        calls[0] += 1
-        if calls[0] == dies_at:
-            if name == "write":
-                real(arguments[0], bytes(arguments[1])[: len(arguments[1]) // 2])
-            os.kill(os.getpid(), 9)
-        return real(*arguments, **options)
-    setattr(os, name, call)
-
-print("ready", flush=True)
-for line in sys.stdin:
-    session, layout, out, replaced, dies_at = json.loads(line)
-    pid = os.fork()
-    if pid == 0:
-        calls = [0]
-        for name in ("open", "write", "fsync", "replace", "unlink", "mkdir", "rmdir"):
-            deadly(name, calls, dies_at)
-        try:
-            prepare_export(session, layout).write(Path(out), replaced=map(Path, replaced))
-        finally:
-            os._exit(0)
-    print(os.waitpid(pid, 0)[1], flush=True)
+def act(session, layout, out, replaced):
+    prepare_export(session, layout).write(Path(out), replaced=map(Path, replaced))
 """
 
 
 @pytest.fixture(scope="module")
-def server() -> Iterator[Callable[..., int]]:
-    process = subprocess.Popen(
-        [sys.executable, "-P", "-c", SERVER],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stdin is not None
-    assert process.stdout is not None
-    stdin, stdout = process.stdin, process.stdout
-    assert stdout.readline() == "ready\n"
-
-    def export(session: Path, layout: str, out: Path, earlier: list[Path], dies_at: int) -> int:
-        words = [str(session), layout, str(out), [str(path) for path in earlier], dies_at]
-        stdin.write(json.dumps(words) + "\n")
-        stdin.flush()
-        return int(stdout.readline())
-
-    yield export
-    stdin.close()
-    stdout.close()
-    process.wait(10)
+def died() -> Iterator[Callable[..., bool]]:
+    names = ("open", "write", "fsync", "replace", "unlink", "mkdir", "rmdir")
+    with dying(PROGRAM, *names) as died:
+        yield died
 
 
 @pytest.mark.slow
@@ -133,13 +91,13 @@ def server() -> Iterator[Callable[..., int]]:
 @pytest.mark.parametrize("layout", ["diligent", "lp"])
 @pytest.mark.parametrize("before", ["none", "empty", "earlier"])
 def test_killed_at_any_call_to_the_disk(
-    server: Callable[..., int], session: Path, tmp_path: Path, layout: Any, before: str
+    died: Callable[..., bool], session: Path, tmp_path: Path, layout: Any, before: str
 ) -> None:
     prepare_export(session, layout).write(tmp_path / "whole")
     whole = contents(tmp_path / "whole")
     older = {**whole, "recording.json": whole["recording.json"].replace(b'"coin"', b'"older"')}
-    status, dies_at, cut_off = -1, 0, 0
-    while status != 0:
+    killed, dies_at, cut_off = True, 0, 0
+    while killed:
         dies_at += 1
         out = tmp_path / "out"
         shutil.rmtree(out, ignore_errors=True)
@@ -150,8 +108,7 @@ def test_killed_at_any_call_to_the_disk(
             for name, data in older.items():
                 (out / name).write_bytes(data)
             earlier = list(out.iterdir())
-        status = server(session, layout, out, earlier, dies_at)
-        assert status in (0, 9)
+        killed = died(str(session), layout, str(out), [*map(str, earlier)], dies_at=dies_at)
         if refused(out):
             cut_off += 1
         else:

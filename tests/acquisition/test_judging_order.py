@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
@@ -18,18 +17,7 @@ from acquisition.session import writer as _session_writer
 from rig import CameraError, CameraFrame, Rig, RigConfig, RigError
 from rig.arrays import Float32, UInt16
 from simulator.camera import ImageFormation
-from tests.acquisition.fake_bench import LABELS, Bench, events_of, rig_on, seen
-
-
-@pytest.fixture
-def bench() -> Bench:
-    return Bench()
-
-
-@pytest.fixture
-def rig(bench: Bench) -> Iterator[Rig]:
-    with rig_on(bench) as opened:
-        yield opened
+from tests.acquisition.fake_bench import LABELS, Bench, cut, events_of, seen
 
 
 def spoil(camera: Any, number: int) -> None:
@@ -144,24 +132,13 @@ def test_frames_that_another_process_added_are_references_too(
     rig: Rig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its dark frames were added after the session was read and before it was locked."""
-    plan = CapturePlan(leds=(3, 0), exposures_us=(200.0,))
-
-    def unplug_at(last: int) -> None:
-        def unplug(number: int) -> None:
-            if number == last:
-                raise CameraError("the camera was unplugged")
-
-        bench.on_trigger = unplug
-
-    unplug_at(1)
-    with pytest.raises(CameraError):
-        record(rig, plan, tmp_path / "s", LABELS)
+    cut(rig, bench, tmp_path / "s", 1, CapturePlan(leds=(3, 0), exposures_us=(200.0,)))
     real = _engine._fitting
 
     def looked_at_early(*words: Any, **more: Any) -> Any:
         found = real(*words, **more)
         monkeypatch.setattr(_engine, "_fitting", real)
-        unplug_at(3)
+        bench.unplug_at(3)
         with pytest.raises(CameraError):
             resume(rig, tmp_path / "s")
         bench.on_trigger = lambda number: None

@@ -23,6 +23,7 @@ from acquisition import (
     write_lights,
 )
 from acquisition.values import Calibrated, UsedSphere, tangent_basis
+from tests.acquisition.test_lights_files import near_lights as lights_alone
 from tests.cases import cases
 
 GOLDEN_NEAR = """\
@@ -69,12 +70,8 @@ def near_lights() -> Lights:
     K = np.array([[5000, 0, 1223.5], [0, 5000, 1023.5], [0, 0, 1]])
     camera = CameraModel(K, 2448, 2048, 600.0, np.array([0.1]))
     covariance = [[0.04, 0.01, 0], [0.01, 0.09, 0], [0, 0, 0.25]]
-    return Lights(
-        positions_mm=np.array([[0, 30, 40], [-100, 0.25, 300]]),
-        intensities=np.array([[1, 2, 3], [1, 1, 1]]),
-        axes=np.array([[0, 0, -2], [0, 3, -4]]),
-        mu=np.array([0.5, 1]),
-        ids=("L00", "L07"),
+    return replace(
+        lights_alone(),
         errors=LightErrors(
             covariances=np.array([covariance, np.full((3, 3), NAN)]),
             intensity_std=np.array([[0.01, 0.02, 0.03], [NAN] * 3]),

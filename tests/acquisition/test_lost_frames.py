@@ -31,6 +31,7 @@ from simulator.camera import GentlCamera
 from simulator.gentl import CompilerError
 from simulator.led_board import BoardFault, VirtualBoard
 from tests.acquisition.fake_bench import LABELS
+from tests.cases import cases
 from tests.quick_sample import quick
 from tests.simulator.camera_options import grouped
 
@@ -213,19 +214,16 @@ def test_a_missing_wire_is_reported_at_once(bench: _Bench, tmp_path: Path, seque
     assert _events(session, "retake") == []
 
 
-@pytest.mark.parametrize(
+@cases(
     "faults",
-    [
-        pytest.param([BoardFault(kind="lose-trigger", skip=4)], id="lost"),
-        pytest.param([BoardFault(kind="double-trigger", skip=4, value=5500)], id="too many"),
-        pytest.param(
-            [
-                BoardFault(kind="lose-trigger", skip=2),
-                BoardFault(kind="double-trigger", skip=4, value=5500),
-            ],
-            id="one lost and one extra: the count is right",
-        ),
-    ],
+    {
+        "lost": [BoardFault(kind="lose-trigger", skip=4)],
+        "too many": [BoardFault(kind="double-trigger", skip=4, value=5500)],
+        "one lost and one extra: the count is right": [
+            BoardFault(kind="lose-trigger", skip=2),
+            BoardFault(kind="double-trigger", skip=4, value=5500),
+        ],
+    },
 )
 def test_no_led_loses_its_frame_if_triggers_do_not_match_frames(
     bench: _Bench, tmp_path: Path, faults: list[BoardFault]

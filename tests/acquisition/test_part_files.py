@@ -6,7 +6,6 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -16,33 +15,10 @@ from acquisition.files import part_files as _part_files
 from acquisition.files import part_path
 from acquisition.files.part_files import Part
 from acquisition.files.storage import open_binary, published, read_back, read_file, write_whole
+from tests.acquisition.planted import PLANTED, Plant, unharmed
 from tests.cases import cases
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs links and pipes")
-
-
-Plant = Callable[[Path, Path], object]
-PLANTED: dict[str, Plant] = {
-    "link": lambda name, victim: name.symlink_to(victim),
-    "link_to_nothing": lambda name, victim: name.symlink_to(victim.with_name("nothing")),
-    "hard_link": lambda name, victim: name.hardlink_to(victim),
-    "pipe": lambda name, _: os.mkfifo(name),
-    "rest": lambda name, _: name.write_bytes(b"half of a lon"),
-    "unreadable_rest": lambda name, _: (name.write_bytes(b"half"), name.chmod(0)),
-    "device": lambda name, _: name.symlink_to("/dev/full"),
-}
-
-
-@pytest.fixture
-def victim(tmp_path: Path) -> Path:
-    folder = tmp_path / "elsewhere"
-    folder.mkdir()
-    (folder / "victim").write_bytes(b"mine")
-    return folder / "victim"
-
-
-def unharmed(victim: Path) -> bool:
-    return [(p.name, p.read_bytes()) for p in victim.parent.iterdir()] == [("victim", b"mine")]
 
 
 @cases("plant", PLANTED)

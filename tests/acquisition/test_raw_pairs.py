@@ -20,12 +20,6 @@ from tests.quick_sample import quick
 SENSOR = np.random.default_rng(3).integers(64, 4000, (40, 60)).astype(np.uint16)
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    (tmp_path / "in").mkdir()
-    return tmp_path / "in"
-
-
 def save(folder: Path, name: str) -> None:
     number, suffix = int(Path(name).stem[-1]), Path(name).suffix
     if suffix == ".dng":

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -19,7 +18,7 @@ from acquisition.session import CameraRecord
 from acquisition.session import writer as _session_writer
 from rig import CameraError, Rig, RigError
 from rig.arrays import UInt16
-from tests.acquisition.fake_bench import LABELS, Bench, rig_on, seen
+from tests.acquisition.fake_bench import LABELS, Bench, seen
 from tests.acquisition.test_judging_order import spoil
 
 CAMERA = CameraRecord(width=10, height=7, bit_depth=12, black_level_dn=64)
@@ -27,17 +26,6 @@ CAMERA = CameraRecord(width=10, height=7, bit_depth=12, black_level_dn=64)
 PLAN = CapturePlan(leds=(3, 0, 5), exposures_us=(200.0,), dark=True, ambient=True, retakes=1)
 CAPPED_FRAMES = 1
 ROOM = 2.0
-
-
-@pytest.fixture
-def bench() -> Bench:
-    return Bench()
-
-
-@pytest.fixture
-def rig(bench: Bench) -> Iterator[Rig]:
-    with rig_on(bench) as opened:
-        yield opened
 
 
 def figures(level_dn: int) -> FrameQuality:

@@ -17,7 +17,7 @@ from acquisition import (
     verify_session,
 )
 from rig import CameraError, Rig, RigError
-from tests.acquisition.fake_bench import LABELS, PLAN, Bench, events_of, seen
+from tests.acquisition.fake_bench import LABELS, PLAN, Bench, cut, events_of, seen
 from tests.acquisition.interruptions import fail_after, interrupted
 
 
@@ -82,21 +82,8 @@ def test_the_difference_from_the_dark_is_in_each_lit_line(
     """Also after an interruption, with the dark frames recorded before."""
     plan = PLAN.changed(ambient=ambient, flats=1)
     dark = 4 if ambient else 2
-
-    def fail(number: int) -> None:
-        if number == dark + 2:
-            raise CameraError("the camera was unplugged")
-
-    bench.on_trigger = fail
-    with pytest.raises(CameraError):
-        record(
-            rig,
-            plan,
-            tmp_path / "s",
-            LABELS,
-            calibrations=Calibrations(sensor=NoiseModel(2.0, 5.0, 60.0, 12)),
-        )
-    bench.on_trigger = lambda number: None
+    calibrations = Calibrations(sensor=NoiseModel(2.0, 5.0, 60.0, 12))
+    cut(rig, bench, tmp_path / "s", dark + 2, plan, calibrations=calibrations)
     session = resume(rig, tmp_path / "s")
     means = {frame.line.key: frame.read().mean() for frame in session.frames}
     role = "ambient" if ambient else "dark"

@@ -24,6 +24,7 @@ from acquisition.session import CameraRecord, Manifest, SessionWriter
 from rig import Rig
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench, rig_on
 from tests.acquisition.interruptions import interrupted, make_older
+from tests.cases import cases
 
 
 def _camera(**changed: Any) -> Callable[[Bench], None]:
@@ -127,15 +128,13 @@ def test_a_session_is_not_resumed_with_other_driver_options(
     assert second.frames == 0
 
 
-@pytest.mark.parametrize(
+@cases(
     ("plan", "said"),
-    [
-        pytest.param(
-            PLAN.changed(leds=(3, 5, 0)), r"leds was \(3, 0, 5\) and is \(3, 5, 0\)", id="order"
-        ),
-        pytest.param(PLAN.changed(exposures_us=(200.0, 60.0)), "exposures_us was", id="exposure"),
-        pytest.param(PLAN.changed(gain_db=3.0), "gain_db was 2.0 and is 3.0", id="gain"),
-    ],
+    {
+        "order": (PLAN.changed(leds=(3, 5, 0)), r"leds was \(3, 0, 5\) and is \(3, 5, 0\)"),
+        "exposure": (PLAN.changed(exposures_us=(200.0, 60.0)), "exposures_us was"),
+        "gain": (PLAN.changed(gain_db=3.0), "gain_db was 2.0 and is 3.0"),
+    },
 )
 def test_another_plan_is_refused(
     rig: Rig, bench: Bench, tmp_path: Path, plan: CapturePlan, said: str

@@ -47,6 +47,7 @@ from acquisition.value_files.lights import lights_json
 from acquisition.values import Calibrated, UsedSphere
 from rig import Mounting
 from rig.arrays import UInt16
+from tests.cases import cases
 
 FOLDERS = {
     1: Path(__file__).parent / "golden_session",
@@ -350,18 +351,16 @@ LACKS = "unknown key '{}': format version 1 does not have it"
 MIRRORED = "leds = 4\n[rig.mounting]\nmirror = true"
 
 
-@pytest.mark.parametrize(
+@cases(
     ("version", "old", "new", "said"),
-    [
-        pytest.param(1, "gain_db = 1.5", "flats = 1", LACKS.format("plan.flats"), id="flats"),
-        pytest.param(
-            1, "gain_db = 1.5", "sequence = false", LACKS.format("plan.sequence"), id="sequence"
-        ),
-        pytest.param(1, "leds = 4", MIRRORED, LACKS.format("rig.mounting"), id="rig"),
-        pytest.param(3, "mu = [", "mu = [[1],", "lights.mu.0", id="type"),
-        pytest.param(3, "mu = [", "mu = [1.0,", "2 lights need 2 finite values mu", id="count"),
-        pytest.param(3, "[lights]", "[lights]\ncalibrated = {}", "unknown key 'lights.c", id="key"),
-    ],
+    {
+        "flats": (1, "gain_db = 1.5", "flats = 1", LACKS.format("plan.flats")),
+        "sequence": (1, "gain_db = 1.5", "sequence = false", LACKS.format("plan.sequence")),
+        "rig": (1, "leds = 4", MIRRORED, LACKS.format("rig.mounting")),
+        "type": (3, "mu = [", "mu = [[1],", "lights.mu.0"),
+        "count": (3, "mu = [", "mu = [1.0,", "2 lights need 2 finite values mu"),
+        "key": (3, "[lights]", "[lights]\ncalibrated = {}", "unknown key 'lights.c"),
+    },
 )
 def test_keys_and_lights_are_those_of_the_version(
     version: int, old: str, new: str, said: str

@@ -325,12 +325,8 @@ def test_files_without_lines_are_a_hint_that_lines_were_lost(tmp_path: Path, gon
 def recorded(folder: Path, *, cut: bool) -> Path:
     """Record a session that exercises every reader."""
     bench = Bench()
-
-    def fail(number: int) -> None:
-        if number == 9 and cut:
-            raise CameraError("the camera was unplugged")
-
-    bench.on_trigger = fail
+    if cut:
+        bench.unplug_at(9)
     positions = np.array([[300.0, 0, 300], [0, 300, 300], [200, 200, 300]])
     lights = Lights(positions_mm=positions, ids=("L03", "L00", "L05"))
     checks = [{"name": "disk", "state": "ok", "text": "room", "free_bytes": 5}]

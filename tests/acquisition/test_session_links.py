@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,35 +16,13 @@ import pytest
 
 from acquisition import DataError, Session, StorageError, verify_session
 from acquisition.session import SessionWriter, compact_session
+from tests.acquisition.planted import PLANTED, Plant, unharmed
 from tests.acquisition.small_session import PLAN, manifest, picture
+from tests.cases import cases
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs links and pipes")
 
-Plant = Callable[[Path, Path], None]
-
-
-def link(name: Path, victim: Path) -> None:
-    name.symlink_to(victim)
-
-
-def hard_link(name: Path, victim: Path) -> None:
-    name.hardlink_to(victim)
-
-
-def pipe(name: Path, victim: Path) -> None:
-    os.mkfifo(name)
-
-
-@pytest.fixture
-def victim(tmp_path: Path) -> Path:
-    folder = tmp_path / "elsewhere"
-    folder.mkdir()
-    (folder / "victim").write_bytes(b"mine")
-    return folder / "victim"
-
-
-def unharmed(victim: Path) -> bool:
-    return [(p.name, p.read_bytes()) for p in victim.parent.iterdir()] == [("victim", b"mine")]
+LINKS = {name: PLANTED[name] for name in ("link", "hard_link", "pipe")}
 
 
 def started(folder: Path, frames: int) -> Path:
@@ -73,7 +50,7 @@ def whole(folder: Path) -> None:
         np.testing.assert_array_equal(frame.read(), picture(index))
 
 
-@pytest.mark.parametrize("plant", [link, hard_link, pipe])
+@cases("plant", LINKS)
 @pytest.mark.parametrize(
     "name",
     [".part-journal.jsonl", ".part-COMPLETE", "frames/.part-L00_E0.tif", "frames/L00_E0.tif"],
@@ -86,7 +63,7 @@ def test_reopening(tmp_path: Path, victim: Path, name: str, plant: Plant) -> Non
     assert unharmed(victim)
 
 
-@pytest.mark.parametrize("plant", [link, hard_link, pipe])
+@cases("plant", LINKS)
 def test_creating(tmp_path: Path, victim: Path, plant: Plant) -> None:
     (tmp_path / "s").mkdir()
     plant(tmp_path / "s" / ".part-session.toml", victim)
@@ -94,7 +71,7 @@ def test_creating(tmp_path: Path, victim: Path, plant: Plant) -> None:
     assert unharmed(victim)
 
 
-@pytest.mark.parametrize("plant", [link, hard_link, pipe])
+@cases("plant", LINKS)
 @pytest.mark.parametrize(
     "name",
     [
@@ -115,7 +92,7 @@ def test_compacting(tmp_path: Path, victim: Path, name: str, plant: Plant) -> No
     assert unharmed(victim)
 
 
-@pytest.mark.parametrize("plant", [link, hard_link, pipe])
+@cases("plant", LINKS)
 def test_an_original_stays_until_its_copy_was_read_back(
     tmp_path: Path, victim: Path, plant: Plant, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ import pytest
 from acquisition import DataError, Session, record, resume, verify_session
 from acquisition.session import SessionWriter
 from rig import Rig
+from tests.acquisition.dying import dying
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench, cut, events_of, flip
 from tests.acquisition.interruptions import make_older
 from tests.acquisition.mutants import rows_of, seal
@@ -109,10 +109,8 @@ def test_reserved_events_cannot_be_written_directly(
 # ---------------------------------------------------------------- killed processes
 
 
-# For each number and folder it receives, forks a process that sets damaged frames aside and is
-# killed at that call to the disk, in the middle of a write; prints the exit status.
-SERVER = """
-import os, sys
+# It sets damaged frames aside.
+PROGRAM = """
 from pathlib import Path
 import numpy as np
 from acquisition.pixels import measure_quality
@@ -120,32 +118,8 @@ from acquisition.session import SessionWriter
 
 measure_quality(np.zeros((16, 16), np.uint16), white_level_dn=4095)  # compile it once
 
-def die(folder, number):
-    calls = [0]
-    def deadly(name):
-        real = getattr(os, name)
-        def call(*arguments, **more):
-            calls[0] += 1
-            if calls[0] == number:
-                if name == "write":
-                    real(arguments[0], bytes(arguments[1])[: len(arguments[1]) // 2])
-                os._exit(9)
-            return real(*arguments, **more)
-        setattr(os, name, call)
-    for name in ("write", "fsync", "replace", "rename", "mkdir", "unlink"):
-        deadly(name)
-    SessionWriter.reopen(folder, set_aside_damaged=True).close()
-
-for line in sys.stdin:
-    number, _, folder = line.strip().partition(" ")
-    pid = os.fork()
-    if pid == 0:
-        try:
-            die(Path(folder), int(number))
-        except BaseException:
-            os._exit(1)
-        os._exit(0)
-    print(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), flush=True)
+def act(folder):
+    SessionWriter.reopen(Path(folder), set_aside_damaged=True).close()
 """
 
 
@@ -161,19 +135,14 @@ def test_a_kill_at_any_call_to_the_disk_loses_nothing(
     flip(model / "frames/L03_E0.tif")
     (model / "frames/D_200us.tif").unlink()
     damaged = (model / "frames/L03_E0.tif").read_bytes()
-    words = [sys.executable, "-c", SERVER]
-    with subprocess.Popen(
-        words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as server:
-        assert server.stdin is not None
-        assert server.stdout is not None
-        codes: list[int] = []
-        while not codes or codes[-1]:
-            folder = tmp_path / f"s{len(codes)}"
+    killed, dies_at = True, 0
+    names = ("write", "fsync", "replace", "rename", "mkdir", "unlink")
+    with dying(PROGRAM, *names) as died:
+        while killed:
+            dies_at += 1
+            folder = tmp_path / f"s{dies_at}"
             shutil.copytree(model, folder)
-            print(len(codes) + 1, folder, file=server.stdin, flush=True)
-            codes.append(int(server.stdout.readline()))
-            assert codes[-1] in (0, 9)
+            killed = died(str(folder), dies_at=dies_at)
             found = verify_session(folder)
             assert all(
                 "L03_E0.tif" in problem or "D_200us.tif" in problem for problem in found.problems
@@ -190,5 +159,4 @@ def test_a_kill_at_any_call_to_the_disk_loses_nothing(
                 files["L03_E0.tif"]: damaged
             }
             shutil.rmtree(folder)
-        server.stdin.close()
-    assert len(codes) > 15
+    assert dies_at > 15

@@ -2,25 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from acquisition import CapturePlan, RecordingHooks, Session, record, resume
-from rig import CameraError, Rig, RigError
-from tests.acquisition.fake_bench import LABELS, Bench, events_of, rig_on
-
-
-@pytest.fixture
-def bench() -> Bench:
-    return Bench()
-
-
-@pytest.fixture
-def rig(bench: Bench) -> Iterator[Rig]:
-    with rig_on(bench) as opened:
-        yield opened
+from rig import Rig, RigError
+from tests.acquisition.fake_bench import LABELS, Bench, cut, events_of
 
 
 @pytest.mark.parametrize("exposures_us", [(200.0, 10.0), (10.0, 200.0)], ids=["E1", "E0"])
@@ -66,14 +54,5 @@ def test_the_light_of_an_led_is_known_after_a_resume(
     rig: Rig, bench: Bench, tmp_path: Path
 ) -> None:
     bench.albedo = 0.02
-    plan = CapturePlan(leds=(0,), exposures_us=(200.0, 10.0))
-
-    def unplug(number: int) -> None:
-        if number == 4:
-            raise CameraError("the camera was unplugged")
-
-    bench.on_trigger = unplug
-    with pytest.raises(CameraError):
-        record(rig, plan, tmp_path / "s", LABELS)
-    bench.on_trigger = lambda number: None
+    cut(rig, bench, tmp_path / "s", 4, CapturePlan(leds=(0,), exposures_us=(200.0, 10.0)))
     assert resume(rig, tmp_path / "s").complete

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +9,7 @@ import pytest
 from scipy.io import savemat
 
 from acquisition import DataError, Lights, read_source, write_png
-
-DATA = os.environ.get("SGP_DATA")
-needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of real data")
+from tests.real_data import DATA, needs_data
 
 NAMES = ["003.png", "001.png", "010.png"]
 NORMALS = np.zeros((4, 6, 3))
@@ -139,7 +136,7 @@ def test_damaged_folders_are_refused_by_name(folder: Path, damage: object, match
     ("name", "size"), [("bearPNG", (273, 230)), ("catPNG", (307, 282))], ids=["bear", "cat"]
 )
 def test_real_objects(name: str, size: tuple[int, int]) -> None:
-    source = read_source(Path(DATA or "") / "diligent" / name)
+    source = read_source(DATA / "diligent" / name)
     assert len(source.frames) == 96
     assert source.size == size
     assert source.frames[0].read().dtype == np.uint16

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -25,9 +24,7 @@ from acquisition.pixels import write_tiff
 from acquisition.source.image_folder import numbered_series
 from acquisition.values import Calibrated
 from tests.cases import cases
-
-DATA = os.environ.get("SGP_DATA")
-needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of real data")
+from tests.real_data import DATA, needs_data
 
 
 def image(value: int, size: tuple[int, int] = (4, 6)) -> np.ndarray:
@@ -400,7 +397,7 @@ def test_lights_from_the_caller_override_an_lp(tmp_path: Path) -> None:
 @needs_data
 @pytest.mark.parametrize("name", ["chrome", "gray", "buddha", "cat"])
 def test_real_captures(name: str) -> None:
-    folder = Path(DATA or "") / "uw" / name
+    folder = DATA / "uw" / name
     lights = read_lights(folder.parent / "lights_shipped_unreliable.txt")
     source = read_source(folder, lights=lights)
     assert source.light_ids == tuple(f"{name}.{i}" for i in range(12))
@@ -416,7 +413,7 @@ def test_real_captures(name: str) -> None:
 
 @needs_data
 def test_a_real_raw_file() -> None:
-    source = read_source(Path(DATA or "") / "raw" / "RAW_KODAK_DC50.KDC")
+    source = read_source(DATA / "raw" / "RAW_KODAK_DC50.KDC")
     assert (source.cfa, source.white_level, source.size) == ("GRBG", 16383, (512, 768))
     assert source.frames[0].read().dtype == np.uint16
 

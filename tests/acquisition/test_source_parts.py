@@ -19,6 +19,7 @@ from acquisition import (
     read_source,
     write_png,
 )
+from tests.cases import cases
 
 HEIGHT, WIDTH = 22, 31
 K = np.array([[50.0, 0.4, 14.2], [0, 52.0, 11.1], [0, 0, 1]])
@@ -149,20 +150,18 @@ def test_reductions_can_be_chained(source) -> None:
     np.testing.assert_array_equal(part.mask, once.mask)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("change", "text"),
-    [
-        pytest.param(
-            lambda s: crop(s, 20, 0, 12, 5), "is not inside the images of 31 x 22", id="x"
-        ),
-        pytest.param(lambda s: crop(s, 0, -1, 9, 5), "is not inside", id="negative"),
-        pytest.param(lambda s: crop(s, 9, 9, 0, 5), "is not inside", id="empty"),
-        pytest.param(lambda s: crop(s, 0, 0, 8, 5), "contains no pixel of the mask", id="outside"),
-        pytest.param(lambda s: downscale(s, 0), "give 1 to 22", id="zero"),
-        pytest.param(lambda s: downscale(s, 23), "give 1 to 22", id="larger than the image"),
-        pytest.param(lambda s: downscale(s, 11), "completely within the mask", id="no block"),
-        pytest.param(lambda s: crop(crop(s, 5, 5, 9, 9), 0, 0, 10, 2), "9 x 9 pixels", id="twice"),
-    ],
+    {
+        "x": (lambda s: crop(s, 20, 0, 12, 5), "is not inside the images of 31 x 22"),
+        "negative": (lambda s: crop(s, 0, -1, 9, 5), "is not inside"),
+        "empty": (lambda s: crop(s, 9, 9, 0, 5), "is not inside"),
+        "outside": (lambda s: crop(s, 0, 0, 8, 5), "contains no pixel of the mask"),
+        "zero": (lambda s: downscale(s, 0), "give 1 to 22"),
+        "larger than the image": (lambda s: downscale(s, 23), "give 1 to 22"),
+        "no block": (lambda s: downscale(s, 11), "completely within the mask"),
+        "twice": (lambda s: crop(crop(s, 5, 5, 9, 9), 0, 0, 10, 2), "9 x 9 pixels"),
+    },
 )
 def test_wrong_parts_are_refused(source, change, text) -> None:
     with pytest.raises(DataError, match=text):

@@ -60,17 +60,6 @@ def watch(folder: Path, leds: int = 8, **options: Any) -> Watch:
     return Watch(folder, lights_in_order(leds), **options)
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    (tmp_path / "in").mkdir()
-    return tmp_path / "in"
-
-
-@pytest.fixture
-def out(tmp_path: Path) -> Path:
-    return tmp_path / "out"
-
-
 def recorded(out: Path) -> dict[int, str | None]:
     """Return the origin of each frame by LED, and check the pixels."""
     session = Session.open(out)

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from acquisition import CameraModel
+from acquisition import CameraModel, read_source
 from calibration.spheres import fit_ellipse
+from tests.real_data import DATA
 
 
 @dataclass(frozen=True)
@@ -127,6 +128,18 @@ def dome(count: int = 36, radius: float = 450.0):
 @pytest.fixture(scope="session")
 def dome_mm():
     return dome()
+
+
+@pytest.fixture
+def paths_exist(monkeypatch):
+    """The frames are arrays without files."""
+    monkeypatch.setattr(Path, "exists", lambda self: True)
+
+
+@pytest.fixture(scope="module")
+def chrome():
+    """The images of the real chrome ball."""
+    return read_source(DATA / "uw" / "chrome")
 
 
 @pytest.fixture(scope="module")

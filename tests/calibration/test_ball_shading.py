@@ -1,23 +1,14 @@
 """Lights from a painted ball and from a chrome ball agree; so do outlines of half the images."""
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from acquisition import angle_deg, read_source
 from calibration import calibrate_spheres, linear_stack
 from calibration.spheres import orthographic_directions
+from tests.real_data import DATA, needs_data
 
-DATA = os.environ.get("SGP_DATA")
 BENCHMARK = "ball_shading"
-real = pytest.mark.skipif(not DATA, reason="SGP_DATA is not set: no real captures")
-
-
-@pytest.fixture(scope="module")
-def chrome():
-    return read_source(Path(DATA) / "uw" / "chrome")
 
 
 @pytest.mark.parametrize("bend", [0.0, 0.3])
@@ -38,11 +29,11 @@ def test_a_fit_leaves_out_highlights_and_the_attached_shadow(benchmark, bend):
     assert fitted.bend == pytest.approx(bend, abs=0.03)
 
 
-@real
+@needs_data
 @pytest.mark.slow
 def test_the_shading_of_the_gray_ball_agrees_with_the_chrome_ball(benchmark, chrome):
     """Light 2 is known to contradict its images by far more than the others."""
-    fitted = benchmark.ball_lights(read_source(Path(DATA) / "uw" / "gray"))
+    fitted = benchmark.ball_lights(read_source(DATA / "uw" / "gray"))
     stack = linear_stack(chrome)
     for masks in ([chrome.mask], None):
         lights = calibrate_spheres(stack, masks=masks).lights
@@ -51,7 +42,7 @@ def test_the_shading_of_the_gray_ball_agrees_with_the_chrome_ball(benchmark, chr
         assert np.delete(off, 2).max() < 5, off.round(2)
 
 
-@real
+@needs_data
 @pytest.mark.slow
 def test_outlines_of_half_of_the_images_agree(chrome):
     """Even and odd lights, with the same highlights of all lights; measured: .44 degrees mean."""

@@ -23,6 +23,7 @@ from tests.calibration.board_series import (
     turned,
 )
 from tests.calibration.conftest import codes
+from tests.cases import cases
 
 FOUR = ((0, 0), (1, 1), (0, 2), (1, 2))
 
@@ -179,27 +180,23 @@ def parallel(angle_deg: float) -> list[BoardView]:
     ]
 
 
-@pytest.mark.parametrize(
+@cases(
     ("views", "error", "match"),
-    [
-        pytest.param(
-            lambda: parallel(0), EstimateError, "do not determine the focal", id="parallel"
-        ),
-        pytest.param(lambda: [series(1)[0]] * 4, EstimateError, "^1 view of", id="seen-once"),
-        pytest.param(lambda: series(1)[:2], EstimateError, "^2 views of", id="two"),
-        pytest.param(
+    {
+        "parallel": (lambda: parallel(0), EstimateError, "do not determine the focal"),
+        "seen-once": (lambda: [series(1)[0]] * 4, EstimateError, "^1 view of"),
+        "two": (lambda: series(1)[:2], EstimateError, "^2 views of"),
+        "size": (
             lambda: [*series(1)[:3], replace(series(1)[3], size=(400, 300))],
             DataError,
             "3.png: 300 x 400 pixels, but 0.png has 640 x 512",
-            id="size",
         ),
-        pytest.param(
+        "board": (
             lambda: [*series(1)[:3], replace(series(1)[3], board=CharucoBoard(12, 9, 20.0))],
             DataError,
             "3.png: shows another calibration board",
-            id="board",
         ),
-    ],
+    },
 )
 def test_refused(views, error, match) -> None:
     with pytest.raises(error, match=match) as caught:

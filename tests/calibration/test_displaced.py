@@ -1,8 +1,6 @@
 """Images in which a sphere is not where the other images show it, and images that show nothing."""
 
-import os
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -19,10 +17,9 @@ from calibration.spheres.solve.lost_images import blank_images
 from tests.calibration.conftest import codes
 from tests.calibration.spheres_and_object import CIRCLES, write_recording
 from tests.calibration.uneven_balls import uneven_ball
+from tests.cases import cases
 from tests.quick_sample import quick
-
-DATA = os.environ.get("SGP_DATA")
-real = pytest.mark.skipif(not DATA, reason="SGP_DATA is not set: no real captures")
+from tests.real_data import DATA, needs_data
 
 
 def moved(image, x_px, y_px, turn_deg=0.0):
@@ -282,20 +279,17 @@ def test_one_lost_image_of_few_is_refused_in_the_singular():
         calibrated(values[:4], circle)
 
 
-@pytest.mark.parametrize(
+@cases(
     ("shown", "says"),
-    [
-        pytest.param((3,), "light L08 is left out: record them again", id="one"),
-        pytest.param(
-            (3, 8),
-            "the images do not count: record them again",
-            id="both",
-            marks=pytest.mark.slow,
+    {
+        "one": ((3,), "light L08 is left out: record them again"),
+        "both": pytest.param(
+            (3, 8), "the images do not count: record them again", marks=pytest.mark.slow
         ),
-        pytest.param(
-            (), "the lights are left out: record them again", id="none", marks=pytest.mark.slow
+        "none": pytest.param(
+            (), "the lights are left out: record them again", marks=pytest.mark.slow
         ),
-    ],
+    },
 )
 def test_what_other_recordings_show_of_blank_images(shown, says):
     values, circle, _ = uneven_ball(CIRCLED, lights=16)
@@ -323,7 +317,7 @@ def test_images_in_each_of_which_another_ball_moved_show_the_outlines(tmp_path, 
 @pytest.fixture(scope="module")
 def chrome():
     """Return the images and the outline of a ball that moved in none of them."""
-    source = read_source(Path(DATA) / "uw" / "chrome")
+    source = read_source(DATA / "uw" / "chrome")
     values = np.array(raw_stack(source).values[:, :, :])
     rows, columns = np.nonzero(source.mask)
     outline = Ellipse((columns.mean(), rows.mean()), (119.0, 119.0))
@@ -332,7 +326,7 @@ def chrome():
 
 
 # Images 4 and 5 show hardly any edge of the ball.
-@real
+@needs_data
 @pytest.mark.parametrize("light", quick([0, 1, 3, 6, 7, 8, 9, 10, 11], every=3))
 @pytest.mark.parametrize("change", [(6.0, 9.0), (-2.0, 1.5)], ids=["11 px", "2.5 px"])
 def test_the_real_ball_in_a_bumped_image(chrome, light, change):

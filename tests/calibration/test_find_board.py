@@ -10,6 +10,7 @@ from calibration import CharucoBoard, EstimateError, find_board, read_board
 from calibration.camera import write_board
 from calibration.camera.board import DICTIONARIES
 from tests.calibration.board_series import BOARD, CAMERA, FLAT, corners, poses, shot
+from tests.cases import cases
 from tests.quick_sample import quick
 
 
@@ -71,18 +72,16 @@ def test_what_is_printed_is_opencv_s_board(dictionary) -> None:
     assert np.mean(drawn != expected) < 0.01
 
 
-@pytest.mark.parametrize(
+@cases(
     ("picture", "board", "match"),
-    [
-        pytest.param(lambda i: i[:, ::-1], BOARD, "is mirrored", id="mirrored"),
-        pytest.param(lambda i: np.ones_like(i), BOARD, "shows 0 markers", id="nothing"),
-        pytest.param(lambda i: i, CharucoBoard(11, 8, 20, None, "5x5_100"), "4x4", id="dictionary"),
-        pytest.param(lambda i: i, CharucoBoard(5, 4, 20), "marker .* is not on", id="smaller"),
-        pytest.param(lambda i: i, CharucoBoard(12, 8, 20), "another order", id="columns"),
-        pytest.param(
-            lambda i: i[150:260, 150:260], BOARD, "fewer than 8|shows . marker", id="too-little"
-        ),
-    ],
+    {
+        "mirrored": (lambda i: i[:, ::-1], BOARD, "is mirrored"),
+        "nothing": (lambda i: np.ones_like(i), BOARD, "shows 0 markers"),
+        "dictionary": (lambda i: i, CharucoBoard(11, 8, 20, None, "5x5_100"), "4x4"),
+        "smaller": (lambda i: i, CharucoBoard(5, 4, 20), "marker .* is not on"),
+        "columns": (lambda i: i, CharucoBoard(12, 8, 20), "another order"),
+        "too-little": (lambda i: i[150:260, 150:260], BOARD, "fewer than 8|shows . marker"),
+    },
 )
 def test_no_board(image, picture, board, match) -> None:
     with pytest.raises(EstimateError, match=match) as caught:

@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,13 +17,9 @@ from calibration import (
 from tests.calibration.card_recordings import SENSOR, card, gloss, recorded, response, rms
 from tests.calibration.conftest import codes
 
+pytestmark = pytest.mark.usefixtures("paths_exist")
+
 WIDTH = 160
-
-
-@pytest.fixture(autouse=True)
-def paths_exist(monkeypatch):
-    """The frames are arrays without files."""
-    monkeypatch.setattr(Path, "exists", lambda self: True)
 
 
 def small(leds=12, **options):

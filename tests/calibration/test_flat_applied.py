@@ -6,21 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition import Flat, Frame, Lights, NoiseModel, Source, crop, downscale
+from acquisition import Flat, Lights, Source, crop, downscale
 from acquisition.source import apply_flat
 from calibration import linear_stack, open_stack, raw_stack
 from calibration.radiance import linear_images
-from simulator.camera import sensor_image
+from tests.calibration.noisy_recordings import SENSOR, THREE, frame, recording
 
-SENSOR = NoiseModel(2.5, 2.5, 64.0, 12)
+pytestmark = pytest.mark.usefixtures("paths_exist")
+
 SHAPE = (64, 160)
-LONGEST_US = 20_000.0
-
-
-@pytest.fixture(autouse=True)
-def paths_exist(monkeypatch):
-    """The frames are arrays without files."""
-    monkeypatch.setattr(Path, "exists", lambda self: True)
 
 
 def flat(shape=SHAPE, cfa=None):
@@ -31,34 +25,6 @@ def flat(shape=SHAPE, cfa=None):
     return Flat(1 - 0.4 * far / far.max(), pixel, cfa=cfa)
 
 
-def recording(radiance, response, *, seed=0, shares=(1.0,), repeats=1, cfa=None, model=True):
-    """Record a radiance, 1 at white in the longest exposure, through a response."""
-    white_e = (SENSOR.white_level_dn - 64.0) * SENSOR.electrons_per_dn
-    frames = []
-    for b, share in enumerate(shares):
-        light = np.asarray(radiance * response * white_e * share, np.float32)
-        for r in range(repeats):
-            pixels = sensor_image(light, SENSOR, key=(seed, b, r))
-            frames.append(frame(pixels, "light", LONGEST_US * share, b))
-        pixels = sensor_image(0 * light, SENSOR, key=(seed, b, 99))
-        frames.append(frame(pixels, "dark", LONGEST_US * share, b))
-    return Source(
-        Path("/nowhere"),
-        "images",
-        tuple(frames),
-        cfa=cfa,
-        black_level=SENSOR.black_level_dn,
-        white_level=SENSOR.white_level_dn,
-        noise=SENSOR if model else None,
-    )
-
-
-def frame(pixels, role, exposure_us, bracket):
-    path = Path("/nowhere/frame.tif")
-    return Frame(path, "L00", pixels.shape, role, bracket, exposure_us, lambda: pixels)
-
-
-THREE = (1.0, 1 / 4, 1 / 16)
 CASES = {
     "one exposure": {},
     "repeats": {"repeats": 3},
@@ -82,7 +48,7 @@ def test_the_predicted_noise_is_the_actual_one_with_a_flat(name):
     lights = Lights([[0, 0, 1]], intensities=[1.5], ids=("L00",))
     stacks = []
     for seed in range(16):
-        source = recording(radiance, made.response, seed=seed, **options)
+        source = recording(SENSOR, radiance * made.response, seed=seed, **options)
         source = downscale(apply_flat(replace(source, lights=lights), made), factor)
         stacks.append(linear_stack(source, channel=channel))
     values = np.stack([stack.values[0] for stack in stacks]).astype(float)
@@ -103,7 +69,7 @@ def test_the_predicted_noise_is_the_actual_one_with_a_flat(name):
 def test_a_flat_undoes_the_response(shares):
     made = flat()
     radiance = np.full(SHAPE, 0.5)
-    source = recording(radiance, made.response, shares=shares)
+    source = recording(SENSOR, radiance * made.response, shares=shares)
     plain, divided = linear_stack(source), linear_stack(apply_flat(source, made))
     np.testing.assert_allclose(divided.values[0], plain.values[0] / made.response, rtol=1e-5)
     assert divided.values[0].mean() == pytest.approx(0.5, abs=1e-3)
@@ -111,7 +77,7 @@ def test_a_flat_undoes_the_response(shares):
 
 def test_a_region_has_its_part_of_the_flat():
     made = flat()
-    source = apply_flat(recording(np.full(SHAPE, 0.5), made.response), made)
+    source = apply_flat(recording(SENSOR, np.full(SHAPE, 0.5) * made.response), made)
     whole, part = linear_stack(source), linear_stack(crop(source, 11, 7, 40, 30))
     np.testing.assert_array_equal(part.values[0], whole.values[0][7:37, 11:51])
 
@@ -120,18 +86,18 @@ def test_saturation_is_judged_before_the_division():
     made = flat()
     radiance = np.full(SHAPE, 0.9)
     radiance[10:20, 10:20] = 4.0
-    stack = linear_stack(apply_flat(recording(radiance, made.response), made))
+    stack = linear_stack(apply_flat(recording(SENSOR, radiance * made.response), made))
     assert np.isnan(stack.values[0][10:20, 10:20]).all()
     assert np.isfinite(stack.values[0]).sum() == 64 * 160 - 100
 
 
 def test_all_ways_to_read_a_source_use_its_flat():
     made = flat()
-    source = apply_flat(recording(np.full(SHAPE, 0.5), made.response), made)
+    source = apply_flat(recording(SENSOR, np.full(SHAPE, 0.5) * made.response), made)
     values = linear_stack(source).values
     np.testing.assert_array_equal(raw_stack(source).values[:, 3:40, 5:90], values[:, 3:40, 5:90])
     np.testing.assert_array_equal(next(iter(linear_images(source))), values[0])
-    two = apply_flat(recording(np.full(SHAPE, 0.5), made.response, repeats=2), made)
+    two = apply_flat(recording(SENSOR, np.full(SHAPE, 0.5) * made.response, repeats=2), made)
     np.testing.assert_array_equal(raw_stack(two).values[0], linear_stack(two).values[0])
 
 
@@ -140,9 +106,8 @@ def test_all_ways_to_read_a_source_use_its_flat():
 def test_bands_of_rows_have_their_part_of_the_flat(shares, cfa):
     made = flat(cfa=cfa)
     ramp = np.tile(np.linspace(0.1, 2, SHAPE[1]), (SHAPE[0], 1))
-    whole = crop(
-        apply_flat(recording(ramp, made.response, shares=shares, cfa=cfa), made), 4, 3, 90, 50
-    )
+    source = recording(SENSOR, ramp * made.response, shares=shares, cfa=cfa)
+    whole = crop(apply_flat(source, made), 4, 3, 90, 50)
     stack = linear_stack(whole)
     with open_stack(whole) as banded:
         for rows, band in banded.bands(17):

@@ -17,6 +17,8 @@ from acquisition import (
 from calibration import EstimateError, linear_stack
 from tests.cases import cases
 
+pytestmark = pytest.mark.usefixtures("paths_exist")
+
 BLACK, WHITE = 64.0, 4095.0
 
 
@@ -41,11 +43,6 @@ class _Held:
 
     def __call__(self):
         return self.pixels
-
-
-@pytest.fixture(autouse=True)
-def paths_exist(monkeypatch):
-    monkeypatch.setattr(Path, "exists", lambda self: True)
 
 
 def source(frames, lights=None, black=BLACK, white=WHITE, cfa=None, transfer=LINEAR):

@@ -7,9 +7,9 @@ import pytest
 
 from acquisition import SRGB, DataError, Lights
 from calibration import EstimateError, linear_stack
-from tests.calibration.test_radiance import BLACK, WHITE, frame, paths_exist, source
+from tests.calibration.test_radiance import BLACK, WHITE, frame, source
 
-__all__ = ["paths_exist"]
+pytestmark = pytest.mark.usefixtures("paths_exist")
 
 
 def even(value, dtype=np.uint16, size=(2, 2)):

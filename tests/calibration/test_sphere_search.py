@@ -23,6 +23,7 @@ from calibration.spheres.propose.edge_search import (
     spheres_by_edges,
 )
 from tests.calibration.test_sphere_parts import SMALL, image_of
+from tests.cases import cases
 
 
 @pytest.mark.parametrize(("apart", "over"), [(29.9, True), (30.1, False)])
@@ -432,22 +433,20 @@ def test_spheres_of_another_size_are_reported_with_their_size(monkeypatch):
         searched(monkeypatch, [])
 
 
-@pytest.mark.parametrize(
+@cases(
     ("radius_mm", "text"),
-    [
-        pytest.param(
+    {
+        "any size": (
             None,
             "show no outline of a mirror sphere around them: light the background evenly, or give "
             "masks or circles",
-            id="any size",
         ),
-        pytest.param(
+        "one size": (
             20.0,
             "a mirror sphere with a radius near 41 px around them: light the background evenly, or "
             "check the radius, or give masks or circles",
-            id="one size",
         ),
-    ],
+    },
 )
 def test_lights_without_an_outline_are_named(monkeypatch, radius_mm, text):
     """The outline is what is missing, not the highlights."""

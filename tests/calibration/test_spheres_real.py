@@ -1,29 +1,16 @@
 """The real chrome ball of the University of Washington: 8-bit, saturated highlights, half dark."""
 
-import os
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
 
-from acquisition import read_source
+from acquisition import angle_deg, read_source
 from calibration import EstimateError, calibrate_spheres, linear_stack
 from calibration.spheres import sphere_candidates
 from tests.quick_sample import quick
+from tests.real_data import DATA, needs_data
 
-DATA = os.environ.get("SGP_DATA")
-pytestmark = pytest.mark.skipif(not DATA, reason="SGP_DATA is not set: no real captures")
-
-
-def angle_deg(a, b):
-    cross = np.linalg.norm(np.cross(a, b), axis=-1)
-    return np.degrees(np.arctan2(cross, np.sum(a * b, axis=-1)))
-
-
-@pytest.fixture(scope="module")
-def chrome():
-    return read_source(Path(DATA) / "uw" / "chrome")
+pytestmark = needs_data
 
 
 @pytest.fixture(scope="module")
@@ -173,13 +160,13 @@ def test_a_circle_of_what_the_ball_mirrors_is_refused_in_a_part(stack, part):
 
 def test_the_distance_to_the_published_lights_is_as_expected(masked):
     # Not a ground truth: the published file is known to be about 3.1 degrees off its images.
-    shipped = np.loadtxt(Path(DATA) / "uw" / "lights_shipped_unreliable.txt", skiprows=1)
+    shipped = np.loadtxt(DATA / "uw" / "lights_shipped_unreliable.txt", skiprows=1)
     assert angle_deg(masked.lights.directions, shipped).mean() == pytest.approx(2.9, abs=0.2)
 
 
 def shading_correlation(directions):
     """Return the correlation of the gray ball's images with a Lambertian ball under the lights."""
-    source = read_source(Path(DATA) / "uw" / "gray")
+    source = read_source(DATA / "uw" / "gray")
     values = linear_stack(source).values
     y, x = np.nonzero(source.mask)
     radius = (np.ptp(x) + np.ptp(y) + 2) / 4

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from acquisition import DataError
+from acquisition import DataError, angle_deg
 from calibration import EstimateError, Stack, calibrate_spheres, find_spheres
 from calibration.spheres.propose import sphere_selection as search
 from calibration.spheres.propose.sphere_marks import masked_spheres
@@ -16,11 +16,6 @@ from tests.cases import cases
 from tests.quick_sample import quick
 
 EXPOSURES_US = (20000.0, 40.0)
-
-
-def angle_deg(a, b):
-    cross = np.linalg.norm(np.cross(a, b), axis=-1)
-    return np.degrees(np.arctan2(cross, np.sum(a * b, axis=-1)))
 
 
 def capture(seed, name="spheres", leds=36):

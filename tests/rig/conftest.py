@@ -11,6 +11,7 @@ from rig import Board, CameraFrame, Rig, RigConfig
 from simulator.bench import BenchState
 from simulator.camera import ImageFormation, VirtualCamera
 from simulator.led_board import VirtualBoard
+from tests.rig.camera_benches import GenICamBench
 
 SIZE = (4, 6)
 
@@ -93,3 +94,19 @@ def board(bench) -> Iterator[Board]:
     board.off()
     yield board
     board.close()
+
+
+@pytest.fixture
+def make(tmp_path) -> Iterator[Callable[..., GenICamBench]]:
+    """Return a function that creates benches; each is closed after the test."""
+    made: list[GenICamBench] = []
+
+    def make(**options):
+        folder = tmp_path / f"{len(made)}"
+        folder.mkdir()
+        made.append(GenICamBench(folder, **options))
+        return made[-1]
+
+    yield make
+    for bench in made:
+        bench.close()

@@ -10,6 +10,7 @@ import pytest
 from rig import Board, BoardError
 from rig.board import Step
 from simulator.led_board import BoardFault
+from tests.cases import cases
 from tests.quick_sample import quick
 from tests.rig.board_calls import VERBS, one_line
 from tests.rig.conftest import led_on
@@ -49,26 +50,24 @@ def test_the_board_itself_ends_the_hold(bench, board):
     assert board.off().led is None
 
 
-@pytest.mark.parametrize(
+@cases(
     "fault",
-    [
-        pytest.param(BoardFault(kind="drop-command", verb="ON"), id="lost command"),
-        pytest.param(BoardFault(kind="corrupt-command", verb="ON", value=9), id="corrupt command"),
-        pytest.param(BoardFault(kind="lose-byte-command", verb="ON", value=4), id="lost byte"),
-        pytest.param(BoardFault(kind="lose-byte-command", verb="ON", value=-1), id="lost line end"),
-        pytest.param(BoardFault(kind="double-byte-command", verb="ON", value=2), id="double byte"),
-        pytest.param(BoardFault(kind="double-command", verb="ON"), id="command arrives twice"),
-        pytest.param(
-            BoardFault(kind="lose-byte-reply", verb="ON", value=-1), id="reply without end"
-        ),
-        pytest.param(BoardFault(kind="double-byte-reply", verb="ON", value=7), id="reply garbled"),
-        pytest.param(BoardFault(kind="double-reply", verb="ON"), id="reply arrives twice"),
-        pytest.param(BoardFault(kind="drop-reply", verb="ON"), id="lost reply"),
-        pytest.param(BoardFault(kind="corrupt-reply", verb="ON"), id="corrupt reply"),
-        pytest.param(BoardFault(kind="delay-reply", verb="ON", value=300), id="late reply"),
-        pytest.param(BoardFault(kind="banner", verb="ON"), id="noise damages the reply"),
-        pytest.param(BoardFault(kind="reset", verb="ON"), id="reset instead of ON"),
-    ],
+    {
+        "lost command": BoardFault(kind="drop-command", verb="ON"),
+        "corrupt command": BoardFault(kind="corrupt-command", verb="ON", value=9),
+        "lost byte": BoardFault(kind="lose-byte-command", verb="ON", value=4),
+        "lost line end": BoardFault(kind="lose-byte-command", verb="ON", value=-1),
+        "double byte": BoardFault(kind="double-byte-command", verb="ON", value=2),
+        "command arrives twice": BoardFault(kind="double-command", verb="ON"),
+        "reply without end": BoardFault(kind="lose-byte-reply", verb="ON", value=-1),
+        "reply garbled": BoardFault(kind="double-byte-reply", verb="ON", value=7),
+        "reply arrives twice": BoardFault(kind="double-reply", verb="ON"),
+        "lost reply": BoardFault(kind="drop-reply", verb="ON"),
+        "corrupt reply": BoardFault(kind="corrupt-reply", verb="ON"),
+        "late reply": BoardFault(kind="delay-reply", verb="ON", value=300),
+        "noise damages the reply": BoardFault(kind="banner", verb="ON"),
+        "reset instead of ON": BoardFault(kind="reset", verb="ON"),
+    },
 )
 def test_one_failed_exchange_is_repaired_by_a_repetition(bench, board, fault):
     bench.virtual.set_faults(fault)

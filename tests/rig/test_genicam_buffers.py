@@ -12,25 +12,9 @@ from hypothesis import strategies as st
 from rig import CameraError, FrameLostError
 from rig.genicam.acquisition import Collector, StreamCounts
 from rig.genicam.buffers import LEAST, Buffering
-from tests.rig.camera_benches import EXPOSURE_US, SIZE, GenICamBench, grey
+from tests.rig.camera_benches import EXPOSURE_US, SIZE, grey
 
 MB = 10**6
-
-
-@pytest.fixture
-def make(tmp_path):
-    """Return a function that creates benches; each is closed after the test."""
-    made = []
-
-    def make(**options):
-        folder = tmp_path / f"{len(made)}"
-        folder.mkdir()
-        made.append(GenICamBench(folder, **options))
-        return made[-1]
-
-    yield make
-    for bench in made:
-        bench.close()
 
 
 def armed(bench, frames, **options):

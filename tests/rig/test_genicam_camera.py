@@ -24,25 +24,8 @@ from tests.rig.camera_benches import (
     BLACK,
     EXPOSURE_US,
     SIZE,
-    GenICamBench,
     grey,
 )
-
-
-@pytest.fixture
-def make(tmp_path):
-    """Return a function that creates benches; each is closed after the test."""
-    made = []
-
-    def make(**options):
-        folder = tmp_path / f"{len(made)}"
-        folder.mkdir()
-        made.append(GenICamBench(folder, **options))
-        return made[-1]
-
-    yield make
-    for bench in made:
-        bench.close()
 
 
 def armed(bench, trigger="software", **options):

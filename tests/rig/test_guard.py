@@ -13,31 +13,30 @@ from hypothesis import strategies as st
 
 from rig import MAX_PIXELS, RigConfigError, UnreadableError, read_bounded, read_rig_config
 from rig.files import check_pixels, check_text, convert_parser_errors, parse_json, parse_toml
+from tests.cases import cases
 
 needs_fifo = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no FIFO")
 
 
-@pytest.mark.parametrize(
+@cases(
     ("text", "said"),
-    [
-        pytest.param("a = " + "[" * 20_000, "line 1: nested more than 32 levels deep", id="arrays"),
-        pytest.param(
-            "a = " + "{b = " * 20_000, "line 1: nested more than 32 levels deep", id="tables"
-        ),
-        pytest.param("\n\n" + "a." * 20_000 + "a = 1", "line 3: nested", id="dotted key"),
-        pytest.param("[" + '"a" . ' * 20_000 + "a]", "line 1: nested", id="quoted dotted header"),
-        pytest.param("x = 1\ny = " + "9" * 4301, "line 2: a number has more than", id="digits"),
-        pytest.param("y = 0x" + "f" * 301, "digits", id="hexadecimal digits"),
-        pytest.param('a = """[[', "is not TOML", id="string without end"),
-        pytest.param("a = 1\na = 2", "is not TOML", id="twice"),
-        pytest.param("", None, id="empty"),
-        pytest.param("a = [[[[1]]]]\nb.c.d.e = 'x'", None, id="some nesting"),
-        pytest.param(f"a = '{'[' * 100}'", None, id="brackets in a string"),
-        pytest.param(f'a = "\\"{"[" * 100}"', None, id="an escaped quote"),
-        pytest.param(f'a = """\n"{"[" * 100}"""', None, id="brackets in a long string"),
-        pytest.param(f"# {'[' * 100}\na = 1", None, id="brackets in a comment"),
-        pytest.param(f"a = '{'9' * 5000}'", None, id="digits in a string"),
-    ],
+    {
+        "arrays": ("a = " + "[" * 20_000, "line 1: nested more than 32 levels deep"),
+        "tables": ("a = " + "{b = " * 20_000, "line 1: nested more than 32 levels deep"),
+        "dotted key": ("\n\n" + "a." * 20_000 + "a = 1", "line 3: nested"),
+        "quoted dotted header": ("[" + '"a" . ' * 20_000 + "a]", "line 1: nested"),
+        "digits": ("x = 1\ny = " + "9" * 4301, "line 2: a number has more than"),
+        "hexadecimal digits": ("y = 0x" + "f" * 301, "digits"),
+        "string without end": ('a = """[[', "is not TOML"),
+        "twice": ("a = 1\na = 2", "is not TOML"),
+        "empty": ("", None),
+        "some nesting": ("a = [[[[1]]]]\nb.c.d.e = 'x'", None),
+        "brackets in a string": (f"a = '{'[' * 100}'", None),
+        "an escaped quote": (f'a = "\\"{"[" * 100}"', None),
+        "brackets in a long string": (f'a = """\n"{"[" * 100}"""', None),
+        "brackets in a comment": (f"# {'[' * 100}\na = 1", None),
+        "digits in a string": (f"a = '{'9' * 5000}'", None),
+    },
 )
 def test_toml(text: str, said: str | None) -> None:
     if said is None:

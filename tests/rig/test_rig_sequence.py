@@ -15,6 +15,7 @@ from rig.shooting import ShotTimes
 from rig.shooting.frame_proof import Spacing
 from rig.shooting.sequence import runs
 from simulator.led_board import BoardFault
+from tests.cases import cases
 from tests.rig.conftest import led_on, led_seen
 
 EXPOSURE_US = 1000.0
@@ -69,21 +70,19 @@ def test_a_board_with_few_steps_runs_in_parts(bench):
         assert [led_seen(shot.frame) for shot in rig.sequence(leds, EXPOSURE_US)] == leds
 
 
-@pytest.mark.parametrize(
+@cases(
     ("fault", "proven"),
-    [
-        pytest.param(BoardFault(kind="lose-trigger"), 0, id="first trigger lost"),
-        pytest.param(BoardFault(kind="lose-trigger", skip=3), 3, id="a trigger lost"),
-        pytest.param(BoardFault(kind="lose-trigger", skip=9), 9, id="last trigger lost"),
-        pytest.param(BoardFault(kind="double-trigger", value=5000), 0, id="first trigger twice"),
-        pytest.param(BoardFault(kind="double-trigger", skip=3, value=5000), 4, id="trigger twice"),
-        pytest.param(
-            BoardFault(kind="wrong-led", verb="STEP", skip=2, value=30), 0, id="other LED"
-        ),
-        pytest.param(BoardFault(kind="goes-dark", verb="RUN", value=1), 0, id="dark too early"),
-        pytest.param(BoardFault(kind="reset", verb="DID", skip=4), 4, id="reset"),
-        pytest.param(BoardFault(kind="reset", verb="RUN"), 0, id="reset at the start"),
-    ],
+    {
+        "first trigger lost": (BoardFault(kind="lose-trigger"), 0),
+        "a trigger lost": (BoardFault(kind="lose-trigger", skip=3), 3),
+        "last trigger lost": (BoardFault(kind="lose-trigger", skip=9), 9),
+        "first trigger twice": (BoardFault(kind="double-trigger", value=5000), 0),
+        "trigger twice": (BoardFault(kind="double-trigger", skip=3, value=5000), 4),
+        "other LED": (BoardFault(kind="wrong-led", verb="STEP", skip=2, value=30), 0),
+        "dark too early": (BoardFault(kind="goes-dark", verb="RUN", value=1), 0),
+        "reset": (BoardFault(kind="reset", verb="DID", skip=4), 4),
+        "reset at the start": (BoardFault(kind="reset", verb="RUN"), 0),
+    },
 )
 def test_a_fault_of_the_board_ends_the_run_after_the_proven_frames(bench, fault, proven):
     shots = []

@@ -14,6 +14,7 @@ from rig.shooting import ShotTimes
 from rig.shooting.frame_proof import FlashChain
 from simulator.camera import VirtualCamera
 from simulator.led_board import BoardFault
+from tests.cases import cases
 from tests.rig.conftest import led_on, led_seen
 
 EXPOSURE_US = 1000.0
@@ -268,19 +269,17 @@ def test_a_failing_off_does_not_hide_the_first_error(own_bench, monkeypatch):
     assert "unplugged" in error.value.__notes__[0]
 
 
-@pytest.mark.parametrize(
+@cases(
     ("led", "exposure_us", "gain_db", "said"),
-    [
-        pytest.param(36, EXPOSURE_US, 0, "no LED 36, only 0 to 35", id="LED too high"),
-        pytest.param(-1, EXPOSURE_US, 0, "no LED -1", id="LED negative"),
-        pytest.param(4, EXPOSURE_US, 0, "LED 4 .* listed as dead", id="dead LED"),
-        pytest.param(0, 9.0, 0, "range of 10 to 1e\\+07 us", id="exposure too short"),
-        pytest.param(0, float("nan"), 0, "range of 10 to", id="exposure not a number"),
-        pytest.param(0, EXPOSURE_US, 25, "range of 0 to 24 dB", id="gain"),
-        pytest.param(
-            0, 9_500_000, 0, "9000 ms( that this LED board allows)?: expose shorter", id="too long"
-        ),
-    ],
+    {
+        "LED too high": (36, EXPOSURE_US, 0, "no LED 36, only 0 to 35"),
+        "LED negative": (-1, EXPOSURE_US, 0, "no LED -1"),
+        "dead LED": (4, EXPOSURE_US, 0, "LED 4 .* listed as dead"),
+        "exposure too short": (0, 9.0, 0, "range of 10 to 1e\\+07 us"),
+        "exposure not a number": (0, float("nan"), 0, "range of 10 to"),
+        "gain": (0, EXPOSURE_US, 25, "range of 0 to 24 dB"),
+        "too long": (0, 9_500_000, 0, "9000 ms( that this LED board allows)?: expose shorter"),
+    },
 )
 @TRIGGERS
 def test_an_impossible_shot_is_refused_before_an_led_is_on(

@@ -25,6 +25,7 @@ from rig.shooting import keep_alive as alive
 from rig.shooting.frame_proof import time_ns
 from rig.shooting.sequence import run
 from rig.shooting.shooting import Bench, by_board, by_software, hold_ms
+from tests.cases import cases
 from tests.rig.test_shooting_values import IDENTITY, INFO, Clock, frame
 
 # The LED is on for 2000 us before the trigger of a flash and 6450 us after it.
@@ -289,15 +290,13 @@ def test_shots_by_the_board(devices: Devices) -> None:
     assert [entry[2] for entry in devices.log if entry[0] == "flash"] == [None, 3, 4, None, 5]
 
 
-@pytest.mark.parametrize(
+@cases(
     ("failure", "said"),
-    [
-        pytest.param(FrameTimeoutError("late"), r"^late; .* for LED 3: check the wire", id="lost"),
-        pytest.param(
-            FrameTimeoutError("late", UNDERRUN), r"^late; [^:]* for LED 3$", id="computer too slow"
-        ),
-        pytest.param(CameraError("bad"), r"^bad; .* for LED 3: check the wire", id="camera"),
-    ],
+    {
+        "lost": (FrameTimeoutError("late"), r"^late; .* for LED 3: check the wire"),
+        "computer too slow": (FrameTimeoutError("late", UNDERRUN), r"^late; [^:]* for LED 3$"),
+        "camera": (CameraError("bad"), r"^bad; .* for LED 3: check the wire"),
+    },
 )
 def test_a_failing_camera_is_reported_with_its_trigger(
     devices: Devices, failure: CameraError, said: str

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 import weakref
+from collections.abc import Callable
 
 import pytest
 
@@ -116,6 +117,19 @@ def test_in_other_modules_the_exception_is_raised_at_once(taken):
     assert space["after"] == []
 
 
+def interrupted_after(dropped: Callable[[], None], seen: list[str]) -> None:
+    """Check that a function which drops an object is interrupted once the object is gone."""
+
+    def ends() -> None:
+        dropped()
+        gc.collect()
+        time.sleep(5)
+
+    with pytest.raises(KeyboardInterrupt):
+        ends()
+    assert seen == ["continued"]
+
+
 def test_a_finalizer_is_not_interrupted(taken):
     class Held:
         def __del__(self) -> None:
@@ -125,13 +139,9 @@ def test_a_finalizer_is_not_interrupted(taken):
     def dropped() -> None:
         held = Held()
         del held
-        gc.collect()
-        time.sleep(5)
 
     seen: list[str] = []
-    with pytest.raises(KeyboardInterrupt):
-        dropped()
-    assert seen == ["continued"]
+    interrupted_after(dropped, seen)
 
 
 def test_a_weak_set_that_loses_a_member_is_not_interrupted(taken):
@@ -149,13 +159,9 @@ def test_a_weak_set_that_loses_a_member_is_not_interrupted(taken):
         weak = weakref.WeakSet([held])
         weak.data = Members(weak.data)
         del held
-        gc.collect()
-        time.sleep(5)
 
     seen: list[str] = []
-    with pytest.raises(KeyboardInterrupt):
-        dropped()
-    assert seen == ["continued"]
+    interrupted_after(dropped, seen)
 
 
 def test_a_callback_of_the_garbage_collector_is_not_interrupted(taken):
@@ -170,13 +176,9 @@ def test_a_callback_of_the_garbage_collector_is_not_interrupted(taken):
         held = Held()
         weakref.finalize(held, strike)
         del held
-        gc.collect()
-        time.sleep(5)
 
     seen: list[str] = []
-    with pytest.raises(KeyboardInterrupt):
-        dropped()
-    assert seen == ["continued"]
+    interrupted_after(dropped, seen)
 
 
 def test_a_lost_exception_is_raised_again(taken):

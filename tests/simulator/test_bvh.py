@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from simulator.shapes.bvh import TriangleTree
+from tests.cases import cases
 
 
 def _random_triangles(count, seed, size=0.3):
@@ -96,15 +97,13 @@ def test_every_triangle_is_within_the_boxes_of_the_tree():
     np.testing.assert_array_equal(seen, 1)
 
 
-@pytest.mark.parametrize(
+@cases(
     "corners",
-    [
-        pytest.param(np.tile(_random_triangles(1, seed=1), (3000, 1, 1)), id="all-the-same"),
-        pytest.param(
-            _random_triangles(1, seed=1) * 1.5 ** -np.arange(600.0)[:, None, None],
-            id="each-smaller-than-last",
-        ),
-    ],
+    {
+        "all-the-same": np.tile(_random_triangles(1, seed=1), (3000, 1, 1)),
+        "each-smaller-than-last": _random_triangles(1, seed=1)
+        * 1.5 ** -np.arange(600.0)[:, None, None],
+    },
 )
 def test_degenerate_triangles_do_not_exceed_the_stack(corners):
     origins, directions = _rays(200, seed=4)

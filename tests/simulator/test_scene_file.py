@@ -1,8 +1,6 @@
 """Scene files: written scenes are read back unchanged, and errors are named."""
 
-import os
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,6 +29,7 @@ from simulator.scene import Ggx, Lambert, Lamps
 from simulator.scene.scene_parts import BODIES, MATERIALS, PATTERNS
 from simulator.shapes import Checker, Coin, Even, Plane, SphericalCap
 from tests.quick_sample import quick
+from tests.real_data import DATA, needs_data
 from tests.simulator.conftest import SMALL
 
 
@@ -243,9 +242,9 @@ def test_a_mesh_is_written_in_its_final_position(write, tmp_path):
     assert again.body.smooth == scene.body.smooth
 
 
-@pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
+@needs_data
 def test_a_real_mesh_is_on_the_board(write):
-    file = Path(os.environ["SGP_DATA"]) / "meshes" / "stanford-bunny.obj"
+    file = DATA / "meshes" / "stanford-bunny.obj"
     scene = read_scene(write(f"[object]\nkind='mesh'\nfile='{file}'\nradius_mm=60\n{SMALL}"))
     assert scene.body.vertices_mm[:, 2].min() == pytest.approx(0.0, abs=1e-9)
     assert scene.body.radius_mm == pytest.approx(60.0)
