@@ -60,6 +60,22 @@ def relief(seed: int, size: tuple[int, int], slope: float = 3.0, blur_px: float 
     return NormalMap.from_vectors(np.dstack([-slope * dx, slope * dy, np.ones(size)]))
 
 
+def waves(
+    size: tuple[int, int],
+    seed: int,
+    slopes: tuple[float, float],
+    lengths_px: tuple[float, float],
+    error: float = 0.1,
+    mask: Bool | None = None,
+) -> NormalMap:
+    """Return waves to the right and downwards, with noise."""
+    y, x = np.mgrid[: size[0], : size[1]]
+    rough = np.random.default_rng(seed).normal(0, error, (2, *size))
+    right = slopes[0] * np.sin(x / lengths_px[0]) + rough[0]
+    down = slopes[1] * np.cos(y / lengths_px[1]) + rough[1]
+    return NormalMap.from_vectors(np.dstack([right, down, np.ones(size)]), mask)
+
+
 def noise(side: int = 64, seed: int = 2) -> NormalMap:
     """Return normals with independent errors."""
     vectors = np.random.default_rng(seed).normal(scale=0.2, size=(side, side, 3))

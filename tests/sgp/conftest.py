@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from acquisition import Lights, write_lights, write_png
+from acquisition.files import BandStore
 from sgp import read_record
 from sgp.app import build, run
 from sgp.results import COMMANDS, check_metrics
@@ -80,6 +81,20 @@ def sgp(capsys) -> Callable[..., Answer]:
         return Answer(code, printed.out, printed.err)
 
     return call
+
+
+@pytest.fixture
+def bands(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, slice]]:
+    """What is completed of maps in files: a step, and its rows or units."""
+    done: list[tuple[str, slice]] = []
+    complete = BandStore.complete
+
+    def noted(store: BandStore, step: str, units: slice) -> None:
+        complete(store, step, units)
+        done.append((step, units))
+
+    monkeypatch.setattr(BandStore, "complete", noted)
+    return done
 
 
 def ring_lights(count: int = 8) -> Lights:

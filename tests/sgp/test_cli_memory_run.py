@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from acquisition import read_image
-from acquisition.files import BandStore
 from processing.detail import separation as rows
 from processing.recording import pipeline as memory
 from processing.stages import Need
@@ -17,7 +16,7 @@ from processing.surface import SurfaceStage
 from processing.surface.blocks import surface_stage
 from sgp.stages import memory_limit as _memory_limit
 from sgp.stages import run_stages as _run_stages
-from tests.sgp.test_cli_memory import files, stop
+from tests.sgp.in_bands import CTRL_C, files, interrupted
 from tests.sgp.test_cli_near import HEIGHT, NORMALS, PIXEL_MM, panel, write_images
 
 LITTLE = "200K"
@@ -64,14 +63,12 @@ def test_what_is_complete_is_not_done_again(sgp, given, tmp_path, monkeypatch) -
     command = [*given, "--out", out, "--memory", LITTLE]
     for name in ("write_normals_stage", "write_separation", "integrated"):
         monkeypatch.setattr(_run_stages, name, noted(getattr(_run_stages, name), name, written))
-    with monkeypatch.context() as patched:
-        patched.setattr(BandStore, "complete", stop(KeyboardInterrupt(), 1))
+    with interrupted(CTRL_C[0], 1):
         assert sgp(*command).code == 130
     assert written == []
     assert (out / "normals" / ".part-normals").is_dir()
     for name in ("write_separation", "integrated", "surface_panels"):
-        with monkeypatch.context() as patched:
-            patched.setattr(_run_stages, name, raises)
+        with interrupted(CTRL_C[0], 0, _run_stages, name):
             assert sgp(*command).code == 130
     line = sgp(*command, "--stl").error_line(2)
     assert "differs in stl: repeat that command" in line
@@ -87,10 +84,6 @@ def noted(function: Callable, name: str, written: list[str]) -> Callable:
         return function(*words, **options)
 
     return call
-
-
-def raises(*_: object, **__: object) -> None:
-    raise KeyboardInterrupt
 
 
 def test_what_cannot_be_done_is_refused_before_any_work(sgp, given, tmp_path) -> None:
