@@ -17,7 +17,7 @@ from sgp.app import build, run
 from sgp.results import COMMANDS, check_metrics
 from sgp.results.metrics import RECORD_FORMAT
 from tests.sgp.chromium import Browser
-from tests.sgp.small_rig import RIG
+from tests.sgp.small_rig import RIG, capture
 from tests.sgp.virtual_bench import Bench
 
 SIZE = (40, 48)
@@ -40,6 +40,10 @@ class Answer(NamedTuple):
     def figures(self) -> dict[str, Any]:
         """Return the figures of a command that succeeded with ``--json``."""
         return self.report()["metrics"]
+
+    def codes(self) -> list[str]:
+        """Return the codes of the notices of a command that succeeded with ``--json``."""
+        return [notice["code"] for notice in self.report()["notices"]]
 
     def error_line(self, code: int) -> str:
         """Assert that stderr is a single error line, and return it."""
@@ -143,6 +147,13 @@ def plan(tmp_path: Path) -> Callable[[float], Path]:
         return path
 
     return write
+
+
+@pytest.fixture
+def recorded(sgp, rig: Path, plan: Callable[[float], Path], tmp_path: Path) -> Path:
+    """A complete session of the small rig."""
+    capture(sgp, tmp_path / "s", "--rig", rig, "--plan", plan(5000.0)).ok()
+    return tmp_path / "s"
 
 
 @pytest.fixture

@@ -153,4 +153,4 @@ def test_a_flat_exemplar_and_one_with_shape(sgp, tmp_path: Path) -> None:
     write_normals(tilted, NormalMap.from_vectors(noise + np.array([0.5, 0, 1])))
     options = ("--is-detail", "--size", "64x64", "--patch", 16, "--json")
     answer = sgp("detail", "synthesize", tilted, *options, "--out", tmp_path / "out").ok()
-    assert "exemplar-with-shape" in [one["code"] for one in json.loads(answer.out)["notices"]]
+    assert "exemplar-with-shape" in answer.codes()
