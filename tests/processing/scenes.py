@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import cv2
+import numba
 import numpy as np
 
 from processing import NormalMap
 from rig.arrays import Bool, Float64
+from tests.real_data import DATA
 
 
 def dome(count: int, highest: float = 0.98, lowest: float = 0.35) -> Float64:
@@ -25,6 +27,17 @@ def sunflower(count: int, height: float) -> Float64:
     around = np.arange(count) * 2.4
     out = np.sqrt((np.arange(count) + 0.5) / count)
     return np.stack([out * np.cos(around), out * np.sin(around), height + 0 * out], 1)
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Let kernels use a single thread."""
+    before = numba.get_num_threads()
+    numba.set_num_threads(1)
+    try:
+        yield
+    finally:
+        numba.set_num_threads(before)
 
 
 def half_ball(size: int, rim: float = 0.95) -> tuple[Float64, Bool]:
@@ -46,11 +59,11 @@ def bumpy_dome(waves: Float64, amount: float, steepness: float = 1.0) -> tuple[F
     return normals / np.linalg.norm(normals, axis=2, keepdims=True), x**2 + y**2 < 1
 
 
-def ball(size: int = 120) -> NormalMap:
+def ball(rows: int = 120, columns: int | None = None, rim: float = 0.8) -> NormalMap:
     """Return a ball, of which the middle is in the mask."""
-    y, x = np.mgrid[1 : -1 : size * 1j, -1 : 1 : size * 1j]
+    y, x = np.mgrid[1 : -1 : rows * 1j, -1 : 1 : (columns or rows) * 1j]
     z = np.sqrt(np.maximum(1.6 - x**2 - y**2, 0))
-    return NormalMap.from_vectors(np.dstack([x, y, z]), x**2 + y**2 < 0.8)
+    return NormalMap.from_vectors(np.dstack([x, y, z]), x**2 + y**2 < rim)
 
 
 def relief(seed: int, size: tuple[int, int], slope: float = 3.0, blur_px: float = 1.2) -> NormalMap:
@@ -84,7 +97,7 @@ def noise(side: int = 64, seed: int = 2) -> NormalMap:
 
 def real_map(folder: str) -> NormalMap:
     """Return a normal map of the paper."""
-    path = Path(os.environ["SGP_DATA"]) / "normals" / folder
+    path = DATA / "normals" / folder
     image = np.asarray(cv2.imread(str(path / "normal_map.png"), cv2.IMREAD_UNCHANGED))
     mask = np.asarray(cv2.imread(str(path / "mask.png"), cv2.IMREAD_GRAYSCALE)) > 127
     full = np.iinfo(image.dtype).max

@@ -2,9 +2,7 @@
 
 import os
 from itertools import product
-from pathlib import Path
 
-import numba
 import numpy as np
 import pytest
 import trimesh
@@ -20,7 +18,9 @@ from processing.projection import view_rotation
 from processing.projection.rasterize import crease_angle_deg
 from rig import in_threads
 from simulator.shapes.bvh import TriangleTree
+from tests.processing.scenes import one_thread
 from tests.quick_sample import quick
+from tests.real_data import DATA
 
 CAMERA = CameraModel(np.array([[900.0, 2.5, 150.3], [0, 880, 121.1], [0, 0, 1]]), 300, 240, 500.0)
 BENT = CameraModel(CAMERA.K, 300, 240, 500.0, np.array([-0.2, 0.05, 0.001, -0.002, 0.0]))
@@ -131,7 +131,7 @@ def _mesh(name):
         return Geometry(ring.vertices, ring.faces)
     if "SGP_DATA" not in os.environ:
         pytest.skip("SGP_DATA is not set")
-    path = Path(os.environ["SGP_DATA"]) / "meshes" / f"{name}.obj"
+    path = DATA / "meshes" / f"{name}.obj"
     if not path.exists():
         pytest.skip(f"{path} is not there")
     return read_geometry(path)
@@ -197,12 +197,8 @@ def test_agrees_with_a_ray_caster(name, view, smooth):
 def test_the_result_depends_neither_on_threads_nor_on_the_order_of_faces():
     mesh = _mesh("torus")
     first = project(mesh, view_rotation("left"), size=(150, 150))
-    threads = numba.get_num_threads()
-    try:
-        numba.set_num_threads(1)
+    with one_thread():
         alone = project(mesh, view_rotation("left"), size=(150, 150))
-    finally:
-        numba.set_num_threads(threads)
     np.testing.assert_array_equal(first.normal_map.normals, alone.normal_map.normals)
     turned = project(Geometry(mesh.vertices, mesh.faces[::-1]), view_rotation("left"),
                      size=(150, 150))  # fmt: skip

@@ -2,7 +2,6 @@
 
 import os
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +13,7 @@ from processing import Geometry, project, read_geometry
 from processing.projection.point_cloud import draw_points, fit_surfels, orient
 from processing.projection.view import fit_raster
 from tests.quick_sample import quick
+from tests.real_data import DATA
 
 CAMERA = CameraModel(np.array([[900.0, 0, 150.3], [0, 880, 121.1], [0, 0, 1]]), 300, 240, 500.0)
 
@@ -97,7 +97,7 @@ def test_points_on_a_mesh_give_its_normal_map(name):
     else:
         if "SGP_DATA" not in os.environ:
             pytest.skip("SGP_DATA is not set")
-        path = Path(os.environ["SGP_DATA"]) / "meshes" / f"{name}.obj"
+        path = DATA / "meshes" / f"{name}.obj"
         if not path.exists():
             pytest.skip(f"{path} is not there")
         mesh = read_geometry(path)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 
 import cv2
@@ -23,10 +22,8 @@ from acquisition import (
 from acquisition import write_png as save
 from processing import read_normals
 from tests.quick_sample import quick
+from tests.real_data import DATA, needs_data
 from tests.sgp.conftest import ball, ring_lights
-
-DATA = os.environ.get("SGP_DATA")
-needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA is not set: no real captures")
 
 # As fine as cameras save them: coarser JPEGs differ by what the compression changes, not the curve.
 FINE = (
@@ -176,7 +173,7 @@ def uw_lights(tmp_path_factory) -> Path:
     from sgp.app import build, run
 
     out = tmp_path_factory.mktemp("uw") / "lights.json"
-    words = ["calibrate", "spheres", str(Path(str(DATA)) / "uw" / "chrome"), "--out", str(out)]
+    words = ["calibrate", "spheres", str(DATA / "uw" / "chrome"), "--out", str(out)]
     assert run(build(), words) == 0
     return out
 
@@ -200,7 +197,7 @@ def test_display_ready_photographs_of_buddha_agree_with_its_linear_images(
     sgp, uw_lights, tmp_path
 ) -> None:
     """With no option given; read as linear, the same files are 14.7 degrees off."""
-    buddha = Path(str(DATA)) / "uw" / "buddha"
+    buddha = DATA / "uw" / "buddha"
     images = saved(buddha, tmp_path / "buddha", "jpg")
     for name, source, options in (
         ("linear", buddha, []),
@@ -243,7 +240,7 @@ SAVED = {
 def test_only_wrong_curves_of_real_captures_are_doubted(uw_lights, tmp_path, name, suffix) -> None:
     from processing import reconstruct
 
-    folder = Path(str(DATA)) / "uw" / name
+    folder = DATA / "uw" / name
     if suffix is not None:
         folder = saved(folder, tmp_path / name, suffix)
     found = reconstruct(read_source(folder, lights=read_lights(uw_lights)), surface=False).warnings
@@ -256,7 +253,7 @@ def test_only_wrong_curves_of_real_captures_are_doubted(uw_lights, tmp_path, nam
 def test_diligent_is_linear_without_a_word(name) -> None:
     from processing import reconstruct
 
-    source = read_source(Path(str(DATA)) / "diligent" / name)
+    source = read_source(DATA / "diligent" / name)
     assert source.transfer == LINEAR
     found = reconstruct(source, surface=False).warnings
     assert not [notice for notice in found if "curve" in notice.code]

@@ -1,7 +1,6 @@
 """The documented accuracy on real captures, measured with the commands of the documents."""
 
 import json
-import os
 from pathlib import Path
 
 import numpy as np
@@ -9,14 +8,14 @@ import pytest
 
 from acquisition import angle_deg, read_image, read_lights, read_mask
 from processing import read_normals
+from tests.real_data import DATA, needs_data
 
-DATA = os.environ.get("SGP_DATA")
-pytestmark = pytest.mark.skipif(not DATA, reason="SGP_DATA is not set: no real captures")
+pytestmark = needs_data
 
 
 @pytest.fixture(scope="module")
 def data() -> Path:
-    return Path(str(DATA))
+    return DATA
 
 
 @pytest.mark.parametrize(

@@ -90,9 +90,8 @@ def test_blocks_of_other_inputs_are_refused_by_name(sgp, given) -> None:
     command = ["surface", *given, "--out", "x", "--memory", LITTLE]
     with interrupted(BROKEN, 3, BlockFiles):
         assert sgp(*command).code == 3
-    other = sgp(*command, "--camera", "camera.json")
-    assert other.code == 2
-    assert "differs in camera: repeat that command" in other.err
+    line = sgp(*command, "--camera", "camera.json").error_line(2)
+    assert "differs in camera: repeat that command" in line
     assert Path("x/.part-surface").exists()
     assert sgp(*command, "--camera", "camera.json", "--force").code == 0
     shutil.rmtree("x")
@@ -117,15 +116,13 @@ def test_blocks_that_were_changed_are_refused_by_name(sgp, given) -> None:
 
 def test_inputs_without_a_surface_leave_nothing(sgp, given) -> None:
     write_mask("mask.png", np.eye(*SIZE, dtype=bool))
-    answer = sgp("surface", *given, "--out", "x", "--memory", LITTLE)
-    assert answer.code == 5
-    assert "no two neighbouring pixels" in answer.err
+    line = sgp("surface", *given, "--out", "x", "--memory", LITTLE).error_line(5)
+    assert "no two neighbouring pixels" in line
     assert not Path("x").exists()
 
 
 def test_a_disk_that_is_too_small_is_refused_at_once(sgp, given, monkeypatch) -> None:
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=1_000_000))
-    answer = sgp("surface", *given, "--out", "x", "--memory", LITTLE)
-    assert answer.code == 3
-    assert "of disk while it is computed, 977K are free" in answer.err
+    line = sgp("surface", *given, "--out", "x", "--memory", LITTLE).error_line(3)
+    assert "of disk while it is computed, 977K are free" in line
     assert not Path("x").exists()
