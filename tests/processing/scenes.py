@@ -8,8 +8,10 @@ from contextlib import contextmanager
 import cv2
 import numba
 import numpy as np
+import pytest
+import trimesh
 
-from processing import NormalMap
+from processing import Geometry, NormalMap, read_geometry
 from rig.arrays import Bool, Float64
 from tests.real_data import DATA
 
@@ -89,10 +91,30 @@ def waves(
     return NormalMap.from_vectors(np.dstack([right, down, np.ones(size)]), mask)
 
 
+def folds(size: tuple[int, int], length_px: float, hole: tuple[slice, ...]) -> NormalMap:
+    """Return bent waves with a hole."""
+    y, x = np.mgrid[: size[0], : size[1]]
+    slopes = 0.3 * np.sin(x / length_px + np.sin(y / 4)), 0.3 * np.cos(y / 3)
+    mask = np.ones(size, np.bool_)
+    mask[hole] = False
+    return NormalMap.from_vectors(np.dstack([*slopes, np.ones(size)]), mask)
+
+
 def noise(side: int = 64, seed: int = 2) -> NormalMap:
     """Return normals with independent errors."""
     vectors = np.random.default_rng(seed).normal(scale=0.2, size=(side, side, 3))
     return NormalMap.from_vectors(vectors + np.array([0, 0, 1]))
+
+
+def mesh_named(name: str, sections: int = 64) -> Geometry:
+    """Return a torus, or a mesh of the real data, without which the test is skipped."""
+    if name == "torus":
+        ring = trimesh.creation.torus(20.0, 8.0, sections, sections // 2)
+        return Geometry(ring.vertices, ring.faces)
+    path = DATA / "meshes" / f"{name}.obj"
+    if not path.exists():
+        pytest.skip(f"{path} is not there")
+    return read_geometry(path)
 
 
 def real_map(folder: str) -> NormalMap:

@@ -7,20 +7,27 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 import pytest
 
-from acquisition import Lights, write_lights, write_png
+from acquisition import SRGB, Lights, write_lights, write_png
 from acquisition.files import BandStore
 from sgp import read_record
 from sgp.app import build, run
 from sgp.results import COMMANDS, check_metrics
 from sgp.results.metrics import RECORD_FORMAT
+from tests.real_data import DATA
 from tests.sgp.chromium import Browser
 from tests.sgp.small_rig import RIG, capture
 from tests.sgp.virtual_bench import Bench
 
 SIZE = (40, 48)
+# As fine as cameras save them: coarser JPEGs differ by what the compression changes, not the curve.
+FINE = (
+    cv2.IMWRITE_JPEG_QUALITY, 100,
+    cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
+)  # fmt: skip
 
 
 class Answer(NamedTuple):
@@ -127,6 +134,28 @@ def recording(tmp_path: Path) -> Path:
         shade = 0.7 * np.clip(normals @ light, 0, 1)
         write_png(folder / f"ball.{i}.png", np.rint(shade * 65535).astype(np.uint16))
     return folder
+
+
+def photographed(folder: Path, albedo: Any) -> Path:
+    """Write fine sRGB JPEGs of the ball and its mask, with lights.json next to their folder."""
+    folder.mkdir()
+    normals, mask = ball()
+    write_lights(folder.parent / "lights.json", lights := ring_lights())
+    write_png(folder / "mask.png", mask.astype(np.uint8) * np.uint8(255))
+    for i, light in enumerate(lights.unit_directions):
+        linear = np.multiply.outer(np.clip(normals @ light, 0, 1), albedo)
+        samples = np.rint(SRGB.samples(linear) * 255).astype(np.uint8)
+        cv2.imwrite(str(folder / f"b.{i}.jpg"), np.atleast_3d(samples)[..., ::-1], FINE)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def uw_lights(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The lights of a real chrome ball."""
+    out = tmp_path_factory.mktemp("uw") / "lights.json"
+    words = ["calibrate", "spheres", str(DATA / "uw" / "chrome"), "--out", str(out)]
+    assert run(build(), words) == 0
+    return out
 
 
 @pytest.fixture

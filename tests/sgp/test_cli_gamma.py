@@ -17,34 +17,17 @@ from acquisition import (
     read_image,
     read_lights,
     read_source,
-    write_lights,
 )
 from acquisition import write_png as save
 from processing import read_normals
 from tests.quick_sample import quick
 from tests.real_data import DATA, needs_data
-from tests.sgp.conftest import ball, ring_lights
-
-# As fine as cameras save them: coarser JPEGs differ by what the compression changes, not the curve.
-FINE = (
-    cv2.IMWRITE_JPEG_QUALITY, 100,
-    cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
-)  # fmt: skip
+from tests.sgp.conftest import FINE, ball, photographed
 
 
 @pytest.fixture
 def photographs(tmp_path: Path) -> Path:
-    """Eight sRGB JPEGs of a ball and their mask, with lights.json next to the folder."""
-    folder = tmp_path / "ball"
-    folder.mkdir()
-    lights = ring_lights()
-    write_lights(tmp_path / "lights.json", lights)
-    normals, mask = ball()
-    save(folder / "mask.png", mask.astype(np.uint8) * np.uint8(255))
-    for index, light in enumerate(lights.unit_directions):
-        samples = SRGB.samples(0.7 * np.clip(normals @ light, 0, 1))
-        cv2.imwrite(str(folder / f"b.{index}.jpg"), np.rint(samples * 255).astype(np.uint8), FINE)
-    return folder
+    return photographed(tmp_path / "ball", 0.7)
 
 
 def record(path: Path) -> dict:
@@ -166,16 +149,6 @@ def test_spheres_record_the_curve(sgp, tmp_path) -> None:
     assert "the samples are read as sRGB" in answer.err
     parameters = record(out)["provenance"]["parameters"]
     assert (parameters["gamma"], parameters["transfer"]) == ("auto", {"kind": "srgb"})
-
-
-@pytest.fixture(scope="module")
-def uw_lights(tmp_path_factory) -> Path:
-    from sgp.app import build, run
-
-    out = tmp_path_factory.mktemp("uw") / "lights.json"
-    words = ["calibrate", "spheres", str(DATA / "uw" / "chrome"), "--out", str(out)]
-    assert run(build(), words) == 0
-    return out
 
 
 def saved(source: Path, folder: Path, suffix: str) -> Path:
