@@ -44,9 +44,10 @@ def test_a_failed_check_ends_it_before_anything_is_recorded(sgp, dead_led, tmp_p
 
 @pytest.mark.slow
 def test_an_led_that_gives_no_light_is_found_while_recording(sgp, dead_led, tmp_path, plan):
-    line = capture(sgp, tmp_path / "s", "--rig", dead_led, "--plan", plan(5000.0)).error_line(3)
-    assert "LED 2 gave no light" in line
-    assert "the LEDs are off" in line
+    answer = capture(sgp, tmp_path / "s", "--rig", dead_led, "--plan", plan(5000.0))
+    assert answer.code == 3
+    assert "LED 2 gave no light" in answer.err
+    assert "the LEDs are off" in answer.err
     # If the LED is listed as dead, it is skipped with a warning.
     listed = tmp_path / "listed.toml"
     listed.write_text(RIG.replace("leds = 6", "leds = 6\ndead_leds = [2]"), encoding="utf-8")
@@ -73,9 +74,10 @@ def test_the_wiring_is_checked_before_metering(sgp, tmp_path, plan, monkeypatch)
     rig.write_text(RIG + "[options.wiring]\nalways = [3]\n", encoding="utf-8")
     monkeypatch.setattr(acquisition.metering, "meter", lambda *_, **__: pytest.fail("metered"))
     words = ("--rig", rig, "--plan", plan(5000.0), "--meter", "each")
-    line = capture(sgp, tmp_path / "s", *words, check=True).error_line(3)
-    assert "checking the wiring of the LEDs" in line
-    assert "LED 3 is on when all should be off" in line
+    answer = capture(sgp, tmp_path / "s", *words, check=True)
+    assert answer.code == 3, answer.err
+    assert "checking the wiring of the LEDs" in answer.err
+    assert "LED 3 is on when all should be off" in answer.err
     assert not (tmp_path / "s").exists()
 
 

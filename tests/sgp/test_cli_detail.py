@@ -22,12 +22,8 @@ def disc(size, x, y, radius):
 @pytest.fixture
 def maps(tmp_path):
     """A folder with a source of 40 x 50 pixels, a target and a mask of a part of the source."""
-    for name, normal_map in (
-        ("source", relief(0, (40, 50), blur_px=1.5)),
-        ("target", ball(SIZE, 0.9)),
-    ):
-        (tmp_path / name).mkdir()
-        write_normals(tmp_path / name, normal_map)
+    write_normals(tmp_path / "source", relief(0, (40, 50), blur_px=1.5))
+    write_normals(tmp_path / "target", ball(*SIZE, rim=0.9))
     write_png(tmp_path / "part.png", disc((40, 50), 25, 20, 14))
     return tmp_path
 
@@ -176,7 +172,7 @@ def test_pixels_that_an_edited_detail_lost_are_reported(sgp, maps, erased):
         *("detail", "combine", maps / "parts" / "shape.exr", maps / "edited.png"),
         *("--out", maps / "back", "--json"),
     ).report()
-    assert report["metrics"]["pixels"] == ball().mask.sum() - 100
+    assert report["metrics"]["pixels"] == ball(*SIZE, rim=0.9).mask.sum() - 100
     lost = "edited.png: 100 pixels of the shape have no detail and are masked out"
     assert [line for line in report["warnings"] if line.endswith(lost)]
 

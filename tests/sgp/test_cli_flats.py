@@ -15,8 +15,9 @@ from tests.sgp.small_rig import CAPTURE, capture
 
 def test_flats_wait_for_the_card(sgp, rig, with_flats, tmp_path):
     """Without a terminal the recording stops before the flats, and resume takes them."""
-    line = capture(sgp, tmp_path / "s", "--rig", rig, "--plan", with_flats).error_line(2)
-    assert "put the white card under the camera" in line
+    answer = capture(sgp, tmp_path / "s", "--rig", rig, "--plan", with_flats)
+    assert answer.code == 2
+    assert "put the white card under the camera" in answer.err
     missing = Session.open(tmp_path / "s").missing
     assert [shot.role for shot in missing] == ["flat"] * 3
     assert sgp("capture", "resume", tmp_path / "s", "--rig", rig).code == 0

@@ -96,8 +96,9 @@ def begun(sgp, given) -> list[object]:
 
 
 def test_blocks_of_other_inputs_are_refused_by_name(sgp, begun) -> None:
-    line = sgp(*begun, "--camera", "camera.json").error_line(2)
-    assert "differs in camera: repeat that command" in line
+    answer = sgp(*begun, "--camera", "camera.json")
+    assert answer.code == 2
+    assert "differs in camera: repeat that command" in answer.err
     assert Path("x/.part-surface").exists()
     assert sgp(*begun, "--camera", "camera.json", "--force").code == 0
 
@@ -110,21 +111,24 @@ def test_enough_memory_later_leaves_no_blocks(sgp, begun) -> None:
 def test_blocks_that_were_changed_are_refused_by_name(sgp, begun) -> None:
     part = Path("x/.part-surface/solution-0-0.raw")
     part.write_bytes(bytes(part.stat().st_size))
-    line = sgp(*begun).error_line(2)
-    assert f"{part}: was changed since it was computed: add --force to begin again" in line
+    answer = sgp(*begun)
+    text = f"{part}: was changed since it was computed: add --force to begin again"
+    assert (answer.code, text in answer.err) == (2, True)
     assert sgp(*begun, "--force").code == 0
     assert not Path("x/.part-surface").exists()
 
 
 def test_inputs_without_a_surface_leave_nothing(sgp, given) -> None:
     write_mask("mask.png", np.eye(*SIZE, dtype=bool))
-    line = sgp("surface", *given, "--out", "x", "--memory", LITTLE).error_line(5)
-    assert "no two neighbouring pixels" in line
+    answer = sgp("surface", *given, "--out", "x", "--memory", LITTLE)
+    assert answer.code == 5
+    assert "no two neighbouring pixels" in answer.err
     assert not Path("x").exists()
 
 
 def test_a_disk_that_is_too_small_is_refused_at_once(sgp, given, monkeypatch) -> None:
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=1_000_000))
-    line = sgp("surface", *given, "--out", "x", "--memory", LITTLE).error_line(3)
-    assert "of disk while it is computed, 977K are free" in line
+    answer = sgp("surface", *given, "--out", "x", "--memory", LITTLE)
+    assert answer.code == 3
+    assert "of disk while it is computed, 977K are free" in answer.err
     assert not Path("x").exists()
