@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import cv2
+import numba
 import numpy as np
+import pytest
+import trimesh
 
-from processing import NormalMap
+from processing import Geometry, NormalMap, read_geometry
 from rig.arrays import Bool, Float64
+from tests.real_data import DATA
 
 
 def dome(count: int, highest: float = 0.98, lowest: float = 0.35) -> Float64:
@@ -25,6 +29,17 @@ def sunflower(count: int, height: float) -> Float64:
     around = np.arange(count) * 2.4
     out = np.sqrt((np.arange(count) + 0.5) / count)
     return np.stack([out * np.cos(around), out * np.sin(around), height + 0 * out], 1)
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Let kernels use a single thread."""
+    before = numba.get_num_threads()
+    numba.set_num_threads(1)
+    try:
+        yield
+    finally:
+        numba.set_num_threads(before)
 
 
 def half_ball(size: int, rim: float = 0.95) -> tuple[Float64, Bool]:
@@ -46,11 +61,11 @@ def bumpy_dome(waves: Float64, amount: float, steepness: float = 1.0) -> tuple[F
     return normals / np.linalg.norm(normals, axis=2, keepdims=True), x**2 + y**2 < 1
 
 
-def ball(size: int = 120) -> NormalMap:
+def ball(rows: int = 120, columns: int | None = None, rim: float = 0.8) -> NormalMap:
     """Return a ball, of which the middle is in the mask."""
-    y, x = np.mgrid[1 : -1 : size * 1j, -1 : 1 : size * 1j]
+    y, x = np.mgrid[1 : -1 : rows * 1j, -1 : 1 : (columns or rows) * 1j]
     z = np.sqrt(np.maximum(1.6 - x**2 - y**2, 0))
-    return NormalMap.from_vectors(np.dstack([x, y, z]), x**2 + y**2 < 0.8)
+    return NormalMap.from_vectors(np.dstack([x, y, z]), x**2 + y**2 < rim)
 
 
 def relief(seed: int, size: tuple[int, int], slope: float = 3.0, blur_px: float = 1.2) -> NormalMap:
@@ -60,15 +75,51 @@ def relief(seed: int, size: tuple[int, int], slope: float = 3.0, blur_px: float 
     return NormalMap.from_vectors(np.dstack([-slope * dx, slope * dy, np.ones(size)]))
 
 
+def waves(
+    size: tuple[int, int],
+    seed: int,
+    slopes: tuple[float, float],
+    lengths_px: tuple[float, float],
+    error: float = 0.1,
+    mask: Bool | None = None,
+) -> NormalMap:
+    """Return waves to the right and downwards, with noise."""
+    y, x = np.mgrid[: size[0], : size[1]]
+    rough = np.random.default_rng(seed).normal(0, error, (2, *size))
+    right = slopes[0] * np.sin(x / lengths_px[0]) + rough[0]
+    down = slopes[1] * np.cos(y / lengths_px[1]) + rough[1]
+    return NormalMap.from_vectors(np.dstack([right, down, np.ones(size)]), mask)
+
+
+def folds(size: tuple[int, int], length_px: float, hole: tuple[slice, ...]) -> NormalMap:
+    """Return bent waves with a hole."""
+    y, x = np.mgrid[: size[0], : size[1]]
+    slopes = 0.3 * np.sin(x / length_px + np.sin(y / 4)), 0.3 * np.cos(y / 3)
+    mask = np.ones(size, np.bool_)
+    mask[hole] = False
+    return NormalMap.from_vectors(np.dstack([*slopes, np.ones(size)]), mask)
+
+
 def noise(side: int = 64, seed: int = 2) -> NormalMap:
     """Return normals with independent errors."""
     vectors = np.random.default_rng(seed).normal(scale=0.2, size=(side, side, 3))
     return NormalMap.from_vectors(vectors + np.array([0, 0, 1]))
 
 
+def mesh_named(name: str, sections: int = 64) -> Geometry:
+    """Return a torus, or a mesh of the real data, without which the test is skipped."""
+    if name == "torus":
+        ring = trimesh.creation.torus(20.0, 8.0, sections, sections // 2)
+        return Geometry(ring.vertices, ring.faces)
+    path = DATA / "meshes" / f"{name}.obj"
+    if not path.exists():
+        pytest.skip(f"{path} is not there")
+    return read_geometry(path)
+
+
 def real_map(folder: str) -> NormalMap:
     """Return a normal map of the paper."""
-    path = Path(os.environ["SGP_DATA"]) / "normals" / folder
+    path = DATA / "normals" / folder
     image = np.asarray(cv2.imread(str(path / "normal_map.png"), cv2.IMREAD_UNCHANGED))
     mask = np.asarray(cv2.imread(str(path / "mask.png"), cv2.IMREAD_GRAYSCALE)) > 127
     full = np.iinfo(image.dtype).max

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +10,8 @@ from scipy.ndimage import gaussian_filter
 
 from processing import NormalMap, read_normals, separate
 from processing.surface import axes_notices, integrability
+from tests.real_data import DATA, needs_data
 
-DATA = os.environ.get("SGP_DATA")
-needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of real data")
 SIDE = 160
 EVERYWHERE = np.ones((SIDE, SIDE), np.bool_)
 
@@ -114,8 +112,7 @@ def test_a_large_map_is_judged_by_the_parts_with_normals(reliefs) -> None:
     ],
 )
 def test_captured_maps_are_quiet_unless_green_is_inverted(name: str) -> None:
-    folder = Path(DATA or "")
-    given = read_normals(folder / name if "." in name else folder / "normals" / name).normal_map
+    given = read_normals(DATA / name if "." in name else DATA / "normals" / name).normal_map
     assert axes_notices(given) == []
     down = NormalMap(turned(given.normals, "green down"), given.mask)
     assert [notice.code for notice in axes_notices(down)] == ["normals-mirrored"]
@@ -127,8 +124,7 @@ def test_captured_maps_are_quiet_unless_green_is_inverted(name: str) -> None:
 @needs_data
 @pytest.mark.slow
 def test_swapped_channels_of_captured_maps_are_named(tmp_path: Path) -> None:
-    folder = Path(DATA or "")
-    files = [*folder.glob("reliefs/*.jpg"), *folder.glob("normals/*"), *folder.glob("normals/d*/*")]
+    files = [*DATA.glob("reliefs/*.jpg"), *DATA.glob("normals/*"), *DATA.glob("normals/d*/*")]
     for file in files:
         if file.name == "diligent":
             continue

@@ -1,8 +1,5 @@
 from __future__ import annotations
 
-import os
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
@@ -11,8 +8,8 @@ from acquisition import angle_deg
 from processing import NormalMap, ShapeFilter, read_normals, separate
 from processing.detail import FilterKind
 from rig.arrays import Bool, Float64
+from tests.real_data import DATA, needs_data
 
-needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
 PAPER = ShapeFilter("gaussian", 1, 5)
 UP = (0.0, 0.0, 1.0)
 
@@ -93,7 +90,7 @@ def test_the_residue_at_occlusions_is_smaller_and_relief_remains(kind: FilterKin
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["guided", "bilateral"])
 def test_occlusions_of_real_objects(kind: FilterKind) -> None:
-    root = Path(os.environ["SGP_DATA"]) / "normals" / "diligent"
+    root = DATA / "normals" / "diligent"
     maps = []
     for name in ("bear", "buddha", "cat", "cow", "goblet"):
         normal_map = read_normals(root / name).normal_map

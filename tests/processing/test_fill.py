@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
@@ -12,16 +9,9 @@ import pytest
 from acquisition import DataError, angle_deg
 from processing import NormalMap, fill_holes, read_normals, separate
 from rig.arrays import Bool
+from tests.processing.scenes import ball
 from tests.quick_sample import quick
-
-needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
-
-
-def ball(size: int = 120) -> NormalMap:
-    y, x = np.mgrid[1 : -1 : size * 1j, -1 : 1 : size * 1j]
-    z2 = 1.6 - x**2 - y**2
-    vectors = np.stack([x, y, np.sqrt(np.maximum(z2, 0))], axis=2)
-    return NormalMap.from_vectors(vectors, x**2 + y**2 < 0.8)
+from tests.real_data import DATA, needs_data
 
 
 def disc(size: tuple[int, int], x: float, y: float, radius: float) -> Bool:
@@ -119,7 +109,7 @@ def test_bad_input(rough: NormalMap, holes: Bool, options: dict[str, int], messa
 @pytest.mark.slow
 @needs_data
 def test_holes_in_a_real_surface() -> None:
-    plant = read_normals(Path(os.environ["SGP_DATA"]) / "normals/plant").normal_map
+    plant = read_normals(DATA / "normals/plant").normal_map
     window = slice(400, 800), slice(400, 800)
     part = NormalMap(plant.normals[window], plant.mask[window])
     filled = fill_holes(part, disc((400, 400), 200, 200, 30) & part.mask)

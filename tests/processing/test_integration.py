@@ -1,8 +1,5 @@
 from __future__ import annotations
 
-import os
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
@@ -11,8 +8,7 @@ from acquisition import CameraModel, DataError
 from calibration import EstimateError
 from processing import HeightMap, NormalMap, integrate
 from rig.arrays import Float64
-
-needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
+from tests.real_data import DATA, needs_data
 
 
 def grid(rows: int, columns: int) -> tuple[Float64, Float64]:
@@ -245,7 +241,7 @@ LIMITS_MM = {"bear": 1.2, "buddha": 3.7, "cat": 1.6, "cow": 0.89, "goblet": 11.6
 @needs_data
 @pytest.mark.parametrize("name", LIMITS_MM)
 def test_real_depth(name: str) -> None:
-    folder = Path(os.environ["SGP_DATA"]) / "normals" / "diligent" / name
+    folder = DATA / "normals" / "diligent" / name
     image = cv2.imread(str(folder / "normal_map.png"), cv2.IMREAD_UNCHANGED)
     mask = cv2.imread(str(folder / "mask.png"), cv2.IMREAD_GRAYSCALE) > 127
     normal_map = NormalMap.from_vectors(image[..., 2::-1].astype(np.float64) / 65535 * 2 - 1, mask)

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -14,8 +11,7 @@ from acquisition import CameraModel, DataError, read_camera, read_mask
 from processing import HeightMap, NormalMap, height_mesh, integrate, read_normals
 from processing.meshes.face_kernels import faces_of
 from rig.arrays import Float64
-
-needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
+from tests.real_data import DATA, needs_data
 
 
 def horn(size: int = 120) -> tuple[NormalMap, Float64]:
@@ -138,7 +134,7 @@ CAPTURED = {"bear": 0.384, "buddha": 1.263, "cat": 0.124, "cow": 0.108, "goblet"
 def test_captured_objects() -> None:
     errors = {}
     for name in CAPTURED:
-        folder = Path(os.environ["SGP_DATA"]) / "normals" / "diligent" / name
+        folder = DATA / "normals" / "diligent" / name
         read = read_normals(folder / "normal_map.png").normal_map
         mask = read_mask(folder / "mask.png", read.size)
         truth = np.load(folder / "depth_gt.npz")

@@ -1,8 +1,6 @@
 from __future__ import annotations
 
-import os
 from functools import partial
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -19,9 +17,7 @@ from tests.cases import cases
 from tests.processing import scenes
 from tests.processing.scenes import ball
 from tests.quick_sample import quick
-
-needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
-
+from tests.real_data import DATA, needs_data
 
 relief = partial(scenes.relief, blur_px=1.5)
 
@@ -296,7 +292,7 @@ def test_local_transfer_refuses(options: dict[str, object], text: str) -> None:
 def test_real_faces_show_no_seam(
     source: str, target: str, part: tuple[int, int, int, int], pose: Pose
 ) -> None:
-    folder = Path(os.environ["SGP_DATA"]) / "normals" / "diligent"
+    folder = DATA / "normals" / "diligent"
     first, second = (read_normals(folder / name).normal_map for name in (source, target))
     mask = ellipse(first.size, *part)
     result = transfer_local(first, second, source_mask=mask, pose=pose)

@@ -1,6 +1,3 @@
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy import ndimage
@@ -8,6 +5,7 @@ from scipy import ndimage
 from acquisition import DataError, read_image
 from calibration import EstimateError
 from processing.maps import object_mask
+from tests.real_data import DATA, needs_data
 
 
 def _directions(count=12):
@@ -129,7 +127,7 @@ def test_an_array_that_is_not_a_stack_is_refused(shape):
         object_mask(np.ones(shape))
 
 
-@pytest.mark.skipif("SGP_DATA" not in os.environ, reason="needs the real captures in SGP_DATA")
+@needs_data
 @pytest.mark.parametrize(
     ("folder", "images", "mask"),
     [
@@ -141,7 +139,7 @@ def test_an_array_that_is_not_a_stack_is_refused(shape):
     ],
 )
 def test_real_objects_are_found(folder, images, mask):
-    folder = Path(os.environ["SGP_DATA"]) / folder
+    folder = DATA / folder
     files = sorted(folder.glob(images))
     strength = np.ones((len(files), 3))
     if (folder / "light_intensities.txt").exists():

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,6 +10,7 @@ from scipy.sparse.csgraph import connected_components
 from processing.surface.grid_graph import apply_laplacian, divergence, label_parts
 from processing.surface.multigrid import _cycle, coarsened, solve
 from rig.arrays import Bool, Float32, Float64
+from tests.processing.scenes import one_thread
 
 Graph = tuple[Float32, Float32]
 
@@ -211,12 +211,8 @@ def test_the_iterations_do_not_grow_with_the_image() -> None:
 def test_the_answer_does_not_depend_on_the_threads() -> None:
     right, down = graph(disc(300), 2, -1)
     b = divergence(right, down, *steps(waves((300, 300))))
-    threads = numba.get_num_threads()
-    numba.set_num_threads(1)
-    try:
+    with one_thread():
         alone = solve(right, down, b).u
-    finally:
-        numba.set_num_threads(threads)
     np.testing.assert_array_equal(solve(right, down, b).u, alone)
 
 

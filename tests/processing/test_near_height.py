@@ -82,13 +82,21 @@ def images(depth, normals, lights, noise=0.0, seed=0, view=VIEW):
     return (values + noise * rng.normal(size=values.shape)).astype(np.float32)
 
 
+LIGHTS = dome()
+
+
+def seen(kind, height, lights=LIGHTS, noise=0.0):
+    """Return depth, normals and images of a surface."""
+    depth, normals = SURFACES[kind](height)
+    return depth, normals, images(depth, normals, lights, noise)
+
+
 @pytest.mark.parametrize(
     ("kind", "height"), quick(list(itertools.product(SURFACES, [-40.0, 0.0, 6.0, 70.0])), every=12)
 )
 def test_exact_images_give_the_exact_surface(kind, height):
-    lights = dome()
-    depth, normals = SURFACES[kind](height)
-    found = near_height(images(depth, normals, lights), lights, DISC, VIEW)
+    depth, _, values = seen(kind, height)
+    found = near_height(values, LIGHTS, DISC, VIEW)
     assert not found.warnings
     assert found.mean_height_mm == pytest.approx(height, abs=0.05)
     assert np.abs(found.depth - depth)[DISC].max() < 0.2
@@ -133,14 +141,12 @@ def test_views_in_blocks_see_the_middle_of_their_pixels():
 
 @pytest.mark.parametrize("kind", quick(["tilted", "cap"], every=2))
 def test_normals_are_those_with_the_true_points(kind):
-    lights = dome()
-    depth, normals = SURFACES[kind](25.0)
-    values = images(depth, normals, lights, noise=0.004)
-    found = near_height(values, lights, DISC, VIEW)
+    depth, normals, values = seen(kind, 25.0, noise=0.004)
+    found = near_height(values, LIGHTS, DISC, VIEW)
 
     def error(at):
         points = CAMERA.points_at(at)
-        solved = photometric_stereo(values, lights, DISC, points_mm=points, method="ls")
+        solved = photometric_stereo(values, LIGHTS, DISC, points_mm=points, method="ls")
         return angle_deg(solved.normal_map.normals, normals)[DISC].mean()
 
     assert error(found.depth) < 1.01 * error(depth)
@@ -213,15 +219,13 @@ def test_the_standard_deviation_contains_errors_of_single_lights(intensity, posi
 
 
 def test_a_stated_height_is_kept():
-    lights = dome()
-    depth, normals = SURFACES["tilted"](25.0)
-    values = images(depth, normals, lights)
-    found = near_height(values, lights, DISC, VIEW, height_mm=25.0)
+    depth, _, values = seen("tilted", 25.0)
+    found = near_height(values, LIGHTS, DISC, VIEW, height_mm=25.0)
     assert found.mean_height_mm == pytest.approx(25.0, abs=1e-3)
     assert not found.warnings
     # Gloss makes objects look higher than they are, and nothing makes them look lower.
-    assert not near_height(values, lights, DISC, VIEW, height_mm=15.0).warnings
-    (notice,) = near_height(values, lights, DISC, VIEW, height_mm=35.0).warnings
+    assert not near_height(values, LIGHTS, DISC, VIEW, height_mm=15.0).warnings
+    (notice,) = near_height(values, LIGHTS, DISC, VIEW, height_mm=35.0).warnings
     assert notice.code == "height-contradicted"
     assert "10.0 mm lower than stated" in notice.text
     assert math.isnan(found.mean_height_sigma_mm)
@@ -229,11 +233,10 @@ def test_a_stated_height_is_kept():
 
 
 def test_an_object_that_rests_on_the_plane():
-    lights = dome()
     depth, normals = SURFACES["cap"](25.0)
     lift = float((DISTANCE - depth[DISC]).min())
     depth, normals = SURFACES["cap"](25.0 - lift)
-    found = near_height(images(depth, normals, lights), lights, DISC, VIEW, rests_on_plane=True)
+    found = near_height(images(depth, normals, LIGHTS), LIGHTS, DISC, VIEW, rests_on_plane=True)
     heights = DISTANCE - found.depth[DISC]
     assert np.quantile(heights, 0.005) == pytest.approx(0, abs=0.2)
     assert found.mean_height_mm == pytest.approx(25.0 - lift, abs=0.5)
@@ -242,8 +245,8 @@ def test_an_object_that_rests_on_the_plane():
 def test_heights_that_the_images_do_not_show_are_reported():
     """The lights are so far away that their irradiance is the same everywhere."""
     lights = dome(scale=100.0)
-    depth, normals = SURFACES["tilted"](10.0)
-    found = near_height(images(depth, normals, lights, noise=0.01), lights, DISC, VIEW)
+    values = seen("tilted", 10.0, lights, noise=0.01)[2]
+    found = near_height(values, lights, DISC, VIEW)
     assert [note.code for note in found.warnings] == ["height-not-determined"]
     assert (found.depth == DISTANCE).all()
 
@@ -252,8 +255,7 @@ def test_heights_that_the_images_do_not_show_are_reported():
 def test_few_lights_do_not_show_the_height(count):
     """Three samples are explained at any height."""
     lights = dome().take(list(range(0, 16, 16 // count))[:count])
-    depth, normals = SURFACES["tilted"](25.0)
-    values = images(depth, normals, lights, noise=0.004)
+    depth, _, values = seen("tilted", 25.0, lights, noise=0.004)
     found = near_height(values, lights, DISC, VIEW)
     if count < 5:
         assert [note.code for note in found.warnings] == ["height-not-determined"]
@@ -265,11 +267,9 @@ def test_few_lights_do_not_show_the_height(count):
 
 
 def test_pixels_that_few_lights_reach_do_not_count():
-    lights = dome()
-    depth, normals = SURFACES["tilted"](25.0)
-    values = images(depth, normals, lights)
+    values = seen("tilted", 25.0)[2]
     values[4:, :, :40] = 0.0
-    found = near_height(values, lights, DISC, VIEW, height_mm=None)
+    found = near_height(values, LIGHTS, DISC, VIEW, height_mm=None)
     assert np.isfinite(found.depth).all()
     assert not found.warnings
 
@@ -304,12 +304,10 @@ def test_impossible_heights_are_refused(options, text):
 
 
 def test_large_images_are_averaged(monkeypatch):
-    lights = dome()
-    depth, normals = SURFACES["tilted"](25.0)
-    values = images(depth, normals, lights)
+    depth, _, values = seen("tilted", 25.0)
     values[3, 20:24, 30:35] = np.nan
     monkeypatch.setattr("processing.near.mean_height_search._PIXELS", 200)
-    found = near_height(values, lights, DISC, VIEW)
+    found = near_height(values, LIGHTS, DISC, VIEW)
     assert found.mean_height_mm == pytest.approx(25.0, abs=0.3)
     inner = (X - 39.5) ** 2 + (Y - 29.5) ** 2 < 22**2
     assert np.abs(found.depth - depth)[inner].max() < 0.5

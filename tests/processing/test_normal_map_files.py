@@ -1,6 +1,3 @@
-import os
-from pathlib import Path
-
 import cv2
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its own name for itself
@@ -10,8 +7,7 @@ from scipy.io import loadmat
 from acquisition import DataError, MissingPathError, angle_deg, write_exr, write_png
 from acquisition.pixels import write_tiff
 from processing import NormalMap, read_normals, write_normals
-
-needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="needs real maps in SGP_DATA")
+from tests.real_data import DATA, needs_data
 
 
 def _cap(size=48, radius=0.9):
@@ -349,7 +345,7 @@ def test_missing_paths(tmp_path):
     ],
 )
 def test_real_maps_face_the_camera(folder, lowest_z, warned):
-    folder = Path(os.environ["SGP_DATA"]) / "normals" / folder
+    folder = DATA / "normals" / folder
     normal_map, warnings, _ = read_normals(folder)
     mask = cv2.imread(str(folder / "mask.png"), cv2.IMREAD_GRAYSCALE) > 127
     assert np.array_equal(normal_map.mask, mask)
@@ -365,7 +361,7 @@ def test_real_maps_face_the_camera(folder, lowest_z, warned):
 @needs_data
 @pytest.mark.parametrize("name", ["151", "160", "188"])
 def test_real_jpeg_reliefs_fill_their_frame(name):
-    path = Path(os.environ["SGP_DATA"]) / "reliefs" / f"{name}.jpg"
+    path = DATA / "reliefs" / f"{name}.jpg"
     normal_map, warnings, _ = read_normals(path)
     assert normal_map.mask.all()
     assert normal_map.normals[..., 2].mean() > 0.7
@@ -375,7 +371,7 @@ def test_real_jpeg_reliefs_fill_their_frame(name):
 @needs_data
 @pytest.mark.parametrize("name", ["bear", "cat"])
 def test_decoded_maps_equal_the_truth_of_the_same_objects(name):
-    data = Path(os.environ["SGP_DATA"])
+    data = DATA
     normal_map, _, _ = read_normals(data / "normals" / "diligent" / name)
     truth = loadmat(data / "diligent" / f"{name}PNG" / "Normal_gt.mat")["Normal_gt"]
     valid = np.linalg.norm(truth, axis=2) > 0.5

@@ -11,6 +11,7 @@ from acquisition import DataError, MissingPathError, write_exr, write_png
 from processing import read_normals
 from processing.maps.npy_file import read_npy
 from rig import Notice
+from tests.cases import cases
 
 SIZE = (12, 16)
 
@@ -105,24 +106,24 @@ def test_arrays_written_by_other_programs(tmp_path, header):
 GOOD = "{'descr': '<f8', 'fortran_order': False, 'shape': (2, 3), }\n"
 
 
-@pytest.mark.parametrize(
+@cases(
     ("data", "said"),
-    [
-        pytest.param(npy(GOOD.replace("(2, 3)", "(50000, 100000, 3)")), "allowed", id="112 GiB"),
-        pytest.param(npy(GOOD.replace("3)", "9" * 99 + ")")), "header", id="digits"),
-        pytest.param(npy(GOOD, b"\0" * 47), "47 bytes for the shape", id="truncated"),
-        pytest.param(npy(GOOD, b"\0" * 49), "49 bytes for the shape", id="too long"),
-        pytest.param(npy(GOOD.replace("}", "'")), "", id="quote"),
-        pytest.param(npy("{" * 9000 + "\n"), "header", id="nested"),
-        pytest.param(npy(GOOD.replace("<f8", "|O")), "header", id="objects"),
-        pytest.param(npy(GOOD.replace("<f8", "<c16")), "complex", id="complex"),
-        pytest.param(npy(GOOD.replace("<f8", "<U8")), "type", id="text"),
-        pytest.param(npy("x" * 20_000), "header", id="long header"),
-        pytest.param(npy(GOOD)[:30], "header", id="cut header"),
-        pytest.param(npy(GOOD, version=b"\x07\x00"), "does not begin", id="version"),
-        pytest.param(b"", "does not begin", id="empty"),
-    ],
-)  # fmt: skip
+    {
+        "112 GiB": (npy(GOOD.replace("(2, 3)", "(50000, 100000, 3)")), "allowed"),
+        "digits": (npy(GOOD.replace("3)", "9" * 99 + ")")), "header"),
+        "truncated": (npy(GOOD, b"\0" * 47), "47 bytes for the shape"),
+        "too long": (npy(GOOD, b"\0" * 49), "49 bytes for the shape"),
+        "quote": (npy(GOOD.replace("}", "'")), ""),
+        "nested": (npy("{" * 9000 + "\n"), "header"),
+        "objects": (npy(GOOD.replace("<f8", "|O")), "header"),
+        "complex": (npy(GOOD.replace("<f8", "<c16")), "complex"),
+        "text": (npy(GOOD.replace("<f8", "<U8")), "type"),
+        "long header": (npy("x" * 20_000), "header"),
+        "cut header": (npy(GOOD)[:30], "header"),
+        "version": (npy(GOOD, version=b"\x07\x00"), "does not begin"),
+        "empty": (b"", "does not begin"),
+    },
+)
 def test_damaged_arrays(tmp_path, data, said):
     path = tmp_path / "a.npy"
     path.write_bytes(data)

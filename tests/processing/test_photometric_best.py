@@ -1,6 +1,5 @@
 """The estimator `best` on materials and shadows whose normals are known."""
 
-import numba
 import numpy as np
 import pytest
 
@@ -9,7 +8,7 @@ from calibration import StackNoise
 from processing import photometric_stereo
 from simulator.scene import Ggx
 from simulator.scene.reflectance import reflectance
-from tests.processing.scenes import dome, half_ball
+from tests.processing.scenes import dome, half_ball, one_thread
 
 
 def _errors(values, directions, normals, mask, *methods, **options):
@@ -157,12 +156,8 @@ def test_results_do_not_depend_on_blocks_threads_or_neighbours():
     # Without a law, one would be estimated from all pixels.
     noise = StackNoise.of_one_exposure(1e-4, 1e-6, 18)
     whole = photometric_stereo(values, lights, mask, method="best", noise=noise)
-    threads = numba.get_num_threads()
-    try:
-        numba.set_num_threads(1)
+    with one_thread():
         part = photometric_stereo(values[:, 7:9], lights, mask[7:9], method="best", noise=noise)
-    finally:
-        numba.set_num_threads(threads)
     np.testing.assert_array_equal(part.normal_map.normals, whole.normal_map.normals[7:9])
 
 

@@ -1,8 +1,6 @@
 """Real captures, compared with published results of the same estimators and a ball's geometry."""
 
-import os
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,15 +9,14 @@ from acquisition import Lights, read_source
 from calibration import calibrate_spheres, linear_stack
 from processing import angular_error, photometric_stereo
 from tests.quick_sample import quick
+from tests.real_data import DATA, needs_data
 
-pytestmark = pytest.mark.skipif(
-    "SGP_DATA" not in os.environ, reason="needs the real captures in SGP_DATA"
-)
+pytestmark = needs_data
 
 
 @cache
 def _capture(name):
-    source = read_source(Path(os.environ["SGP_DATA"]) / name)
+    source = read_source(DATA / name)
     return linear_stack(source), source
 
 

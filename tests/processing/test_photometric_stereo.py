@@ -1,4 +1,3 @@
-import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,7 +7,7 @@ from acquisition import DataError, Lights, angle_deg
 from calibration import EstimateError
 from processing import angular_error, photometric_stereo
 from processing.stereo import METHODS
-from tests.processing.scenes import dome
+from tests.processing.scenes import dome, one_thread
 
 every_method = pytest.mark.parametrize("method", METHODS)
 
@@ -196,14 +195,9 @@ def test_bytes_do_not_depend_on_the_number_of_threads(method):
     values = rng.uniform(0, 1, (14, 97, 83))
     values[rng.uniform(size=values.shape) < 0.05] = np.nan
     lights, mask = Lights(_dome(14)), rng.uniform(size=(97, 83)) > 0.1
-    threads = numba.get_num_threads()
-    results = []
-    try:
-        for count in (1, threads):
-            numba.set_num_threads(count)
-            results.append(photometric_stereo(values, lights, mask, method=method))
-    finally:
-        numba.set_num_threads(threads)
+    results = [photometric_stereo(values, lights, mask, method=method)]
+    with one_thread():
+        results.append(photometric_stereo(values, lights, mask, method=method))
     for name in ("albedo", "residual", "used"):
         assert getattr(results[0], name).tobytes() == getattr(results[1], name).tobytes()
     assert results[0].normal_map.normals.tobytes() == results[1].normal_map.normals.tobytes()

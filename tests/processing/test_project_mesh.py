@@ -1,10 +1,7 @@
 """Meshes drawn as normal maps: closed forms, a ray caster, shared edges, odd meshes."""
 
-import os
 from itertools import product
-from pathlib import Path
 
-import numba
 import numpy as np
 import pytest
 import trimesh
@@ -14,12 +11,13 @@ from scipy.spatial import Delaunay
 
 from acquisition import CameraModel, DataError, angle_deg
 from calibration import EstimateError
-from processing import Geometry, project, read_geometry
+from processing import Geometry, project
 from processing.projection import rasterize_kernels as kernels
 from processing.projection import view_rotation
 from processing.projection.rasterize import crease_angle_deg
 from rig import in_threads
 from simulator.shapes.bvh import TriangleTree
+from tests.processing.scenes import mesh_named, one_thread
 from tests.quick_sample import quick
 
 CAMERA = CameraModel(np.array([[900.0, 2.5, 150.3], [0, 880, 121.1], [0, 0, 1]]), 300, 240, 500.0)
@@ -125,18 +123,6 @@ def test_a_ball_in_closed_form():
     assert angle_deg(view.normal_map.normals[inner], truth).max() < 0.1
 
 
-def _mesh(name):
-    if name == "torus":
-        ring = trimesh.creation.torus(20.0, 8.0, major_sections=64, minor_sections=32)
-        return Geometry(ring.vertices, ring.faces)
-    if "SGP_DATA" not in os.environ:
-        pytest.skip("SGP_DATA is not set")
-    path = Path(os.environ["SGP_DATA"]) / "meshes" / f"{name}.obj"
-    if not path.exists():
-        pytest.skip(f"{path} is not there")
-    return read_geometry(path)
-
-
 def _area_weighted(vertices, faces):
     corners = vertices[faces]
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -155,7 +141,7 @@ MESHES = ["torus", "stanford-bunny", "decimated-max", "skull"]
 )
 def test_agrees_with_a_ray_caster(name, view, smooth):
     camera = CAMERAS[view]
-    mesh = _mesh(name)
+    mesh = mesh_named(name)
     # A small rotation prevents symmetric edges at pixel centres.
     turn = view_rotation(rotate_deg=(20.0, -31.0, 7.0))
     points = mesh.vertices @ turn.T
@@ -195,14 +181,10 @@ def test_agrees_with_a_ray_caster(name, view, smooth):
 
 
 def test_the_result_depends_neither_on_threads_nor_on_the_order_of_faces():
-    mesh = _mesh("torus")
+    mesh = mesh_named("torus")
     first = project(mesh, view_rotation("left"), size=(150, 150))
-    threads = numba.get_num_threads()
-    try:
-        numba.set_num_threads(1)
+    with one_thread():
         alone = project(mesh, view_rotation("left"), size=(150, 150))
-    finally:
-        numba.set_num_threads(threads)
     np.testing.assert_array_equal(first.normal_map.normals, alone.normal_map.normals)
     turned = project(Geometry(mesh.vertices, mesh.faces[::-1]), view_rotation("left"),
                      size=(150, 150))  # fmt: skip
@@ -353,7 +335,7 @@ def test_the_mantle_of_a_cylinder_is_smooth():
 
 @pytest.mark.parametrize("name", ["torus", "stanford-bunny", "decimated-max", "skull"])
 def test_smooth_meshes_have_no_creases(name):
-    mesh = _mesh(name)
+    mesh = mesh_named(name)
     assert crease_angle_deg(mesh.vertices, mesh.faces) is None
 
 

@@ -1,8 +1,6 @@
 """Point clouds drawn as normal maps."""
 
-import os
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,9 +8,10 @@ import trimesh
 
 from acquisition import CameraModel, angle_deg
 from calibration import EstimateError
-from processing import Geometry, project, read_geometry
+from processing import Geometry, project
 from processing.projection.point_cloud import draw_points, fit_surfels, orient
 from processing.projection.view import fit_raster
+from tests.processing.scenes import mesh_named
 from tests.quick_sample import quick
 
 CAMERA = CameraModel(np.array([[900.0, 0, 150.3], [0, 880, 121.1], [0, 0, 1]]), 300, 240, 500.0)
@@ -91,20 +90,11 @@ def test_a_ball_of_points_in_closed_form(camera, given):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", quick(["torus", "stanford-bunny", "skull"], every=3))
 def test_points_on_a_mesh_give_its_normal_map(name):
-    if name == "torus":
-        ring = trimesh.creation.torus(20.0, 8.0, major_sections=256, minor_sections=128)
-        mesh = Geometry(ring.vertices, ring.faces)
-    else:
-        if "SGP_DATA" not in os.environ:
-            pytest.skip("SGP_DATA is not set")
-        path = Path(os.environ["SGP_DATA"]) / "meshes" / f"{name}.obj"
-        if not path.exists():
-            pytest.skip(f"{path} is not there")
-        mesh = read_geometry(path)
-    middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
-    whole = trimesh.Trimesh(mesh.vertices - middle, mesh.faces, process=False)
+    solid = mesh_named(name, 256)
+    middle = (solid.vertices.min(axis=0) + solid.vertices.max(axis=0)) / 2
+    whole = trimesh.Trimesh(solid.vertices - middle, solid.faces, process=False)
     points, _ = trimesh.sample.sample_surface(whole, 100_000, seed=1)
-    truth = project(mesh, size=(600, 600))
+    truth = project(solid, size=(600, 600))
     view = project(
         Geometry(np.asarray(points)), size=(600, 600), pixel_mm=truth.pixel_mm, centred=False
     )

@@ -1,8 +1,5 @@
 from __future__ import annotations
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -11,8 +8,8 @@ from acquisition import DataError
 from processing import HeightMap, NormalMap, height_profile, integrate, read_normals, separate, ssim
 from processing.detail import cross_exchange, idempotence, rotation_similarity, transfer_chain
 from tests.processing.scenes import ball, relief
+from tests.real_data import DATA, needs_data
 
-needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
 TARGETS = ("bear", "buddha", "cat", "cow", "goblet")
 
 
@@ -185,7 +182,7 @@ def test_the_surface_of_a_detail_is_flat_compared_with_that_of_its_map() -> None
 def test_a_real_detail_survives_a_chain(
     source: str, separability: float, mae: float, ssim_paper: float
 ) -> None:
-    folder = Path(os.environ["SGP_DATA"]) / "normals"
+    folder = DATA / "normals"
     normal_map = read_normals(folder / source).normal_map
     targets = [read_normals(folder / "diligent" / name).normal_map for name in TARGETS]
     assert separate(normal_map).separability_deg < separability

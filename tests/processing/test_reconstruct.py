@@ -23,6 +23,7 @@ from calibration import EstimateError
 from processing import photometric_stereo, reconstruct
 from rig import Mounting, RigConfig
 from simulator import open_rig_seeing, render, save_truth, scene_named
+from tests.cases import cases
 
 LEDS = 8
 PLAN = CapturePlan(leds=tuple(range(LEDS)), exposures_us=(9000.0,))
@@ -143,20 +144,17 @@ def test_a_source_without_a_mask_gets_one(session):
     assert any("the images have no mask" in warning for warning in map(str, result.warnings))
 
 
-@pytest.mark.parametrize(
+@cases(
     ("change", "error", "words"),
-    [
-        pytest.param({"lights": None}, DataError, "give the lights.json", id="no lights"),
-        pytest.param(
+    {
+        "no lights": ({"lights": None}, DataError, "give the lights.json"),
+        "near without camera": (
             {"camera": None},
             DataError,
             "give a camera with a working distance, or the size of a pixel",
-            id="near without camera",
         ),
-        pytest.param(
-            {"lights": "turned"}, EstimateError, "face away from the camera", id="lights behind"
-        ),
-    ],
+        "lights behind": ({"lights": "turned"}, EstimateError, "face away from the camera"),
+    },
 )
 def test_sources_that_cannot_be_reconstructed(session, change, error, words):
     source = read_source(session)
@@ -167,14 +165,14 @@ def test_sources_that_cannot_be_reconstructed(session, change, error, words):
         reconstruct(replace(source, **change))
 
 
-@pytest.mark.parametrize(
+@cases(
     ("rows", "columns", "reported"),
-    [
-        pytest.param(slice(15, 45), slice(15, 45), False, id="inside"),
-        pytest.param(slice(20, 60), slice(15, 60), False, id="in a corner"),
-        pytest.param(slice(20, 60), slice(0, 60), True, id="at three borders"),
-        pytest.param(slice(2, 58), slice(2, 58), True, id="almost everywhere"),
-    ],
+    {
+        "inside": (slice(15, 45), slice(15, 45), False),
+        "in a corner": (slice(20, 60), slice(15, 60), False),
+        "at three borders": (slice(20, 60), slice(0, 60), True),
+        "almost everywhere": (slice(2, 58), slice(2, 58), True),
+    },
 )
 def test_a_computed_mask_that_fills_the_frame_is_reported(tmp_path, rows, columns, reported):
     around = np.linspace(0, 2 * np.pi, 6, endpoint=False)

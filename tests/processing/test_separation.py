@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import get_args
 
@@ -17,9 +16,9 @@ from processing.detail import FilterKind
 from rig.arrays import Float64
 from tests.processing.scenes import real_map
 from tests.quick_sample import quick
+from tests.real_data import needs_data
 
 ROUND_TRIP_DEG = 5e-5
-needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
 
 
 def random_map(seed: int, size: tuple[int, int] = (30, 40), holes: float = 0.1) -> NormalMap:

@@ -5,18 +5,17 @@ import pytest
 
 from acquisition import DataError
 from acquisition.files import ComputedRows
-from processing import NormalMap, ShapeFilter, separate
+from processing import ShapeFilter, separate
 from processing.detail import separate_rows
+from tests.processing.scenes import waves
 
 
 @pytest.fixture(scope="module")
 def relief():
     """Waves with noise, with a hole, in a disc that leaves the first and last rows empty."""
-    y, x = np.mgrid[0:330, 0:150].astype(np.float32)
-    noise = np.random.default_rng(3).normal(0, 0.1, (2, *x.shape))
-    slopes = 0.5 * np.sin(x / 40) + noise[0], 0.4 * np.cos(y / 30) + noise[1]
+    y, x = np.mgrid[0:330, 0:150]
     mask = ((x - 75) ** 2 + (y - 150) ** 2 < 140**2) & ~((abs(x - 60) < 15) & (abs(y - 200) < 60))
-    return NormalMap.from_vectors(np.dstack([*slopes, np.ones_like(x)]), mask)
+    return waves(x.shape, 3, (0.5, 0.4), (40, 30), mask=mask)
 
 
 @pytest.mark.parametrize(

@@ -16,19 +16,18 @@ from processing.detail import SeparationStage, TransferStage
 from processing.stages import Stage, computed, run_steps
 from processing.superres import SuperResolutionStage
 from processing.synthesis import SynthesisStage
+from tests.processing.scenes import waves
 from tests.quick_sample import quick
 
 
 def rough(height: int, width: int, seed: int = 1, *, hole: bool = False) -> NormalMap:
     """Waves with noise; with a hole, the first and last rows are empty, too."""
     y, x = np.mgrid[:height, :width]
-    noise = np.random.default_rng(seed).normal(0, 0.1, (2, height, width))
-    slopes = 0.4 * np.sin(x / 7) + noise[0], 0.3 * np.cos(y / 9) + noise[1]
     mask = np.ones((height, width), bool)
     if hole:
         up, across = y / height - 0.48, x / width - 0.5
         mask = ((across / 0.48) ** 2 + (up / 0.46) ** 2 < 1) & (across**2 + up**2 > 0.01)
-    return NormalMap.from_vectors(np.dstack([*slopes, np.ones((height, width))]), mask)
+    return waves((height, width), seed, (0.4, 0.3), (7, 9), mask=mask)
 
 
 def bumps(height: int, width: int) -> NormalMap:

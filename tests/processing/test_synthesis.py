@@ -1,6 +1,5 @@
 """Synthesis of detail: exact properties of the sheet, closed forms of the figures, bad input."""
 
-import numba
 import numpy as np
 import pytest
 from numpy.lib.stride_tricks import sliding_window_view
@@ -9,6 +8,7 @@ from acquisition import DataError, angle_deg
 from processing import NormalMap, separate, synthesize
 from processing.synthesis import texture_figures
 from simulator.shapes import BandNoise, LizardScales
+from tests.processing.scenes import one_thread
 
 PATCH = 24
 
@@ -47,12 +47,8 @@ def test_a_sheet_keeps_the_character_of_its_exemplar():
 
 
 def test_a_sheet_depends_on_the_seed_alone(noise, made):
-    before = numba.get_num_threads()
-    try:
-        numba.set_num_threads(1)
+    with one_thread():
         alone = synthesize(noise, (200, 230), patch=PATCH, seed=5)
-    finally:
-        numba.set_num_threads(before)
     np.testing.assert_array_equal(alone.detail.normals, made.detail.normals)
     np.testing.assert_array_equal(alone.labels, made.labels)
     other = synthesize(noise, (200, 230), patch=PATCH, seed=6)

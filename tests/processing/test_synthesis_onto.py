@@ -1,13 +1,12 @@
 """Synthesis over a target: periods along the surface, exact copies on flat targets, bad input."""
 
 import cv2
-import numba
 import numpy as np
 import pytest
 
 from acquisition import DataError, angle_deg
 from processing import NormalMap, combine, synthesize_onto
-from tests.processing.scenes import noise
+from tests.processing.scenes import noise, one_thread
 
 PERIOD, PATCH, RADIUS = 12.0, 24, 300.0
 
@@ -133,13 +132,9 @@ def test_a_smaller_pattern_is_as_steep_as_the_exemplar(size):
 
 
 def test_the_result_depends_on_the_seed_alone():
-    before = numba.get_num_threads()
     many = synthesize_onto(noise(), bowl(), patch=16, seed=5)
-    try:
-        numba.set_num_threads(1)
+    with one_thread():
         alone = synthesize_onto(noise(), bowl(), patch=16, seed=5)
-    finally:
-        numba.set_num_threads(before)
     np.testing.assert_array_equal(alone.detail.normals, many.detail.normals)
     np.testing.assert_array_equal(alone.labels, many.labels)
     other = synthesize_onto(noise(), bowl(), patch=16, seed=6)

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import os
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -14,8 +12,8 @@ from processing.detail.detail_transfer import scale_slopes
 from processing.detail.placement import Cover, largest_rectangle
 from rig.arrays import Bool
 from tests.processing.scenes import ball, real_map, relief
+from tests.real_data import needs_data
 
-needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
 TARGETS = ("bear", "buddha", "cat", "cow", "goblet")
 
 

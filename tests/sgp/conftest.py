@@ -7,19 +7,27 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 import pytest
 
-from acquisition import Lights, write_lights, write_png
+from acquisition import SRGB, Lights, write_lights, write_png
+from acquisition.files import BandStore
 from sgp import read_record
 from sgp.app import build, run
 from sgp.results import COMMANDS, check_metrics
 from sgp.results.metrics import RECORD_FORMAT
+from tests.real_data import DATA
 from tests.sgp.chromium import Browser
-from tests.sgp.small_rig import RIG
+from tests.sgp.small_rig import RIG, capture
 from tests.sgp.virtual_bench import Bench
 
 SIZE = (40, 48)
+# As fine as cameras save them: coarser JPEGs differ by what the compression changes, not the curve.
+FINE = (
+    cv2.IMWRITE_JPEG_QUALITY, 100,
+    cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
+)  # fmt: skip
 
 
 class Answer(NamedTuple):
@@ -39,6 +47,10 @@ class Answer(NamedTuple):
     def figures(self) -> dict[str, Any]:
         """Return the figures of a command that succeeded with ``--json``."""
         return self.report()["metrics"]
+
+    def codes(self) -> list[str]:
+        """Return the codes of the notices of a command that succeeded with ``--json``."""
+        return [notice["code"] for notice in self.report()["notices"]]
 
     def error_line(self, code: int) -> str:
         """Assert that stderr is a single error line, and return it."""
@@ -82,6 +94,20 @@ def sgp(capsys) -> Callable[..., Answer]:
     return call
 
 
+@pytest.fixture
+def bands(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, slice]]:
+    """What is completed of maps in files: a step, and its rows or units."""
+    done: list[tuple[str, slice]] = []
+    complete = BandStore.complete
+
+    def noted(store: BandStore, step: str, units: slice) -> None:
+        complete(store, step, units)
+        done.append((step, units))
+
+    monkeypatch.setattr(BandStore, "complete", noted)
+    return done
+
+
 def ring_lights(count: int = 8) -> Lights:
     around = np.linspace(0, 2 * np.pi, count, endpoint=False)
     return Lights(directions=np.stack([np.cos(around), np.sin(around), np.full(count, 1.5)], 1))
@@ -110,6 +136,28 @@ def recording(tmp_path: Path) -> Path:
     return folder
 
 
+def photographed(folder: Path, albedo: Any) -> Path:
+    """Write fine sRGB JPEGs of the ball and its mask, with lights.json next to their folder."""
+    folder.mkdir()
+    normals, mask = ball()
+    write_lights(folder.parent / "lights.json", lights := ring_lights())
+    write_png(folder / "mask.png", mask.astype(np.uint8) * np.uint8(255))
+    for i, light in enumerate(lights.unit_directions):
+        linear = np.multiply.outer(np.clip(normals @ light, 0, 1), albedo)
+        samples = np.rint(SRGB.samples(linear) * 255).astype(np.uint8)
+        cv2.imwrite(str(folder / f"b.{i}.jpg"), np.atleast_3d(samples)[..., ::-1], FINE)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def uw_lights(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The lights of a real chrome ball."""
+    out = tmp_path_factory.mktemp("uw") / "lights.json"
+    words = ["calibrate", "spheres", str(DATA / "uw" / "chrome"), "--out", str(out)]
+    assert run(build(), words) == 0
+    return out
+
+
 @pytest.fixture
 def rig(tmp_path: Path) -> Path:
     """A rig file of the small simulated rig."""
@@ -128,6 +176,13 @@ def plan(tmp_path: Path) -> Callable[[float], Path]:
         return path
 
     return write
+
+
+@pytest.fixture
+def recorded(sgp, rig: Path, plan: Callable[[float], Path], tmp_path: Path) -> Path:
+    """A complete session of the small rig."""
+    capture(sgp, tmp_path / "s", "--rig", rig, "--plan", plan(5000.0)).ok()
+    return tmp_path / "s"
 
 
 @pytest.fixture

@@ -3,9 +3,8 @@
 import shutil
 from pathlib import Path
 
-import pytest
-
 from sgp.sessions import CaptureTalk, ResumeCommand
+from tests.cases import cases
 
 GOLDEN = Path(__file__).parents[1] / "acquisition" / "golden_session_3"
 
@@ -19,26 +18,26 @@ def unfinished(folder: Path, lines: int | None = None) -> Path:
     return folder
 
 
-@pytest.mark.parametrize(
+@cases(
     ("lines", "damaged", "said"),
-    [
-        pytest.param(
+    {
+        "some missing": (
             4, False, "2 frames are intact, 7 are missing; the LEDs are off; `capture resume "
-            "{folder}` takes the missing frames", id="some missing",
+            "{folder}` takes the missing frames",
         ),
-        pytest.param(
+        "also damaged": (
             4, True, "2 frames are intact, 7 are missing; the LEDs are off; `capture resume "
-            "{folder} --retake-damaged` takes the missing and damaged frames", id="also damaged",
+            "{folder} --retake-damaged` takes the missing and damaged frames",
         ),
-        pytest.param(
+        "none missing": (
             None, False, "all frames are recorded; the LEDs are off; `capture resume {folder}` "
-            "completes the session", id="none missing",
+            "completes the session",
         ),
-        pytest.param(
+        "only damaged": (
             None, True, "all frames are recorded; the LEDs are off; `capture resume {folder} "
-            "--retake-damaged` takes the damaged frames", id="only damaged",
+            "--retake-damaged` takes the damaged frames",
         ),
-    ],
+    },
 )  # fmt: skip
 def test_the_state_of_an_unfinished_session(tmp_path, capsys, lines, damaged, said):
     folder = unfinished(tmp_path / "s", lines)

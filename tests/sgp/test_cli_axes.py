@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -61,10 +60,9 @@ def test_a_map_with_green_down_is_named(
     before, after, option = COMMANDS[name]
     for given in ("up", "down"):
         words = [*before.split(), given, *after.split(), "--out", tmp_path / given, "--json"]
-        answer = sgp(*words).ok()
         found = [
             notice
-            for notice in json.loads(answer.out)["notices"]
+            for notice in sgp(*words).report()["notices"]
             if notice["code"] == "normals-mirrored"
         ]
         assert len(found) == (given == "down"), (given, found)
@@ -80,7 +78,6 @@ def test_swapped_channels_are_the_only_cause_that_is_named(
     sgp, maps: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(maps)
-    answer = sgp("detail", "separate", "bgr.npy", "--out", tmp_path / "out", "--json")
-    codes = [notice["code"] for notice in json.loads(answer.out)["notices"]]
+    codes = sgp("detail", "separate", "bgr.npy", "--out", tmp_path / "out", "--json").codes()
     assert "normals-channels-swapped" in codes
     assert "normals-mirrored" not in codes

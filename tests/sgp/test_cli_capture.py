@@ -107,10 +107,9 @@ def test_an_led_without_light_in_the_metering_is_skipped(sgp, dead_led, tmp_path
 
 
 def test_a_dry_run_records_nothing_and_lights_nothing(sgp, rig, plan, tmp_path):
-    answer = capture(
+    metrics = capture(
         sgp, tmp_path / "s", "--rig", rig, "--plan", plan(5000.0), "--dry-run", "--json"
-    ).ok()
-    metrics = json.loads(answer.out)["metrics"]
+    ).figures()
     assert (metrics["shots"], metrics["recorded"]) == (7, False)
     assert metrics["bytes"] == 7 * 64 * 52 * 2
     assert not (tmp_path / "s").exists()
@@ -153,16 +152,14 @@ def test_the_metering_goal_can_be_set(sgp, rig, plan, tmp_path, words, expected)
     ],
 )
 def test_metering_options_are_checked(sgp, rig, plan, tmp_path, words):
-    answer = capture(sgp, tmp_path / "s", "--rig", rig, "--plan", plan(5000.0), *words)
-    assert answer.code == 2
-    assert words[-2] in answer.err
+    line = capture(sgp, tmp_path / "s", "--rig", rig, "--plan", plan(5000.0), *words).error_line(2)
+    assert words[-2] in line
     assert not (tmp_path / "s").exists()
 
 
-def test_a_contact_sheet_shows_every_frame(sgp, rig, plan, tmp_path):
-    out, sheet = tmp_path / "session", tmp_path / "sheet.png"
-    assert capture(sgp, out, "--rig", rig, "--plan", plan(5000.0)).code == 0
-    answer = sgp("capture", "info", out, "--sheet", sheet, "--json")
+def test_a_contact_sheet_shows_every_frame(sgp, recorded, tmp_path):
+    sheet = tmp_path / "sheet.png"
+    answer = sgp("capture", "info", recorded, "--sheet", sheet, "--json")
     assert json.loads(answer.out)["outputs"]["sheet"] == str(sheet)
     picture = read_image(sheet)
     assert picture.dtype == np.uint8
@@ -173,14 +170,13 @@ def test_a_contact_sheet_shows_every_frame(sgp, rig, plan, tmp_path):
     assert picture[206:368, :200].mean() < 30 < picture[:162, :200].mean()
     assert (picture[:162, 204:404, 0] == picture[:162, 204:404, 1]).all()
     assert (picture[-13, 8] == (255, 60, 60)).all(), "the legend shows the colour of clipping"
-    assert sgp("capture", "info", out, "--sheet", sheet).code == 2
-    assert sgp("capture", "info", out, "--sheet", sheet, "--force").code == 0
+    assert sgp("capture", "info", recorded, "--sheet", sheet).code == 2
+    assert sgp("capture", "info", recorded, "--sheet", sheet, "--force").code == 0
 
 
 def test_rig_commands(sgp, rig, tmp_path):
     assert "simulated" in sgp("rig", "list").out
-    checked = sgp("rig", "check", "--rig", rig, "--json")
-    assert json.loads(checked.out)["metrics"]["board"]["leds"] == 6
+    assert sgp("rig", "check", "--rig", rig, "--json").figures()["board"]["leds"] == 6
     assert sgp("rig", "off", "--rig", rig).code == 0
     assert sgp("rig", "light", 2, "--seconds", 0.05, "--rig", rig).code == 0
     assert sgp("rig", "light", 6, "--rig", rig).code == 2

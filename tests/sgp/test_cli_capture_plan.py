@@ -40,8 +40,7 @@ def plan(tmp_path: Path):
 
 
 def test_a_plan_is_shown_without_hardware(sgp, plan):
-    answer = sgp("capture", "plan", plan(), "--size", "100x50", "--json")
-    metrics = json.loads(answer.out)["metrics"]
+    metrics = sgp("capture", "plan", plan(), "--size", "100x50", "--json").figures()
     assert metrics["shots"][:2] == ["D_20000us.tif", "D_1000us.tif"]
     assert metrics["shots"][-1] == "L07_E1.tif"
     assert metrics["counts"] == {"light": 10, "dark": 2, "ambient": 0, "flat": 0}

@@ -5,32 +5,19 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 import trimesh
 
-from acquisition import SRGB, read_image, read_mask, write_lights, write_png
-from tests.sgp.conftest import ball, ring_lights
+from acquisition import SRGB, read_image, read_mask, write_png
+from tests.sgp.conftest import photographed
 
 ALBEDO = np.array([0.6, 0.4, 0.2])
 
 
 @pytest.fixture
 def photographs(tmp_path: Path) -> Path:
-    """Eight sRGB JPEGs of an orange ball, lights.json next to their folder."""
-    folder = tmp_path / "ball"
-    folder.mkdir()
-    normals, mask = ball()
-    lights = ring_lights()
-    write_lights(tmp_path / "lights.json", lights)
-    write_png(folder / "mask.png", mask.astype(np.uint8) * np.uint8(255))
-    for i, light in enumerate(lights.unit_directions):
-        linear = ALBEDO * np.clip(normals @ light, 0, 1)[..., None]
-        samples = np.rint(SRGB.samples(linear) * 255).astype(np.uint8)
-        quality = (cv2.IMWRITE_JPEG_QUALITY, 100, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, 0x111111)
-        cv2.imwrite(str(folder / f"b.{i}.jpg"), samples[..., ::-1], quality)
-    return folder
+    return photographed(tmp_path / "ball", [0.6, 0.4, 0.2])
 
 
 def parameters(path: Path) -> dict:

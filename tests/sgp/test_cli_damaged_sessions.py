@@ -13,27 +13,23 @@ from tests.quick_sample import quick
 from tests.sgp.small_rig import capture
 
 
-def test_an_interrupted_compaction_is_reported(sgp, rig, plan, tmp_path):
-    out = tmp_path / "s"
-    assert capture(sgp, out, "--rig", rig, "--plan", plan(5000.0)).code == 0
-    (out / "derived").mkdir(exist_ok=True)
-    (out / "COMPLETE").rename(out / "derived" / "COMPLETE")
+def test_an_interrupted_compaction_is_reported(sgp, recorded):
+    (recorded / "derived").mkdir(exist_ok=True)
+    (recorded / "COMPLETE").rename(recorded / "derived" / "COMPLETE")
     message = "a compaction was interrupted: compact the session again"
-    answer = sgp("capture", "verify", out)
+    answer = sgp("capture", "verify", recorded)
     assert (answer.code, message in answer.err) == (4, True)
-    assert message in sgp("capture", "info", out).err
-    assert sgp("capture", "compact", out).code == 0
-    assert message not in sgp("capture", "verify", out).err
+    assert message in sgp("capture", "info", recorded).err
+    assert sgp("capture", "compact", recorded).code == 0
+    assert message not in sgp("capture", "verify", recorded).err
 
 
-def test_verify_names_the_frame_that_one_bit_changed(sgp, rig, plan, tmp_path):
-    out = tmp_path / "session"
-    assert capture(sgp, out, "--rig", rig, "--plan", plan(5000.0)).code == 0
-    frame = out / "frames" / "L03_E0.tif"
+def test_verify_names_the_frame_that_one_bit_changed(sgp, recorded):
+    frame = recorded / "frames" / "L03_E0.tif"
     data = bytearray(frame.read_bytes())
     data[len(data) // 2] ^= 1
     frame.write_bytes(data)
-    answer = sgp("capture", "verify", out, "--json")
+    answer = sgp("capture", "verify", recorded, "--json")
     assert answer.code == 4
     problems = json.loads(answer.out)["metrics"]["problems"]
     assert len(problems) == 1
@@ -77,59 +73,53 @@ def test_resume_names_damage_and_retakes_it_when_asked(sgp, rig, with_flats, tmp
     assert "2 damaged and set aside" in sgp("capture", "info", out).out
 
 
-def test_a_complete_session_with_a_damaged_frame_is_repaired(sgp, rig, plan, tmp_path):
-    out = tmp_path / "s"
-    assert capture(sgp, out, "--rig", rig, "--plan", plan(5000.0)).code == 0
-    words = ("capture", "resume", out, "--rig", rig, "--skip-check")
+def test_a_complete_session_with_a_damaged_frame_is_repaired(sgp, rig, recorded):
+    words = ("capture", "resume", recorded, "--rig", rig, "--skip-check")
     assert "no frame is damaged" in sgp(*words, "--retake-damaged").err
-    flip(out / "frames" / "D_5000us.tif")
-    answer = sgp("capture", "verify", out)
+    flip(recorded / "frames" / "D_5000us.tif")
+    answer = sgp("capture", "verify", recorded)
     assert answer.code == 4
-    assert f"`capture resume {out} --retake-damaged`, with --rig, takes" in answer.out
+    assert f"`capture resume {recorded} --retake-damaged`, with --rig, takes" in answer.out
     assert "no shot is missing" in sgp(*words).err
     assert sgp(*words, "--retake-damaged").code == 0
-    assert sgp("capture", "verify", out).code == 0
+    assert sgp("capture", "verify", recorded).code == 0
 
 
 @pytest.mark.slow
-def test_a_frame_line_of_another_led_is_named_and_can_be_retaken(sgp, rig, plan, tmp_path):
-    out = tmp_path / "s"
-    assert capture(sgp, out, "--rig", rig, "--plan", plan(5000.0)).code == 0
-    rows = rows_of(out)
+def test_a_frame_line_of_another_led_is_named_and_can_be_retaken(sgp, rig, recorded, tmp_path):
+    rows = rows_of(recorded)
     next(row for row in rows if row.get("led") == 3)["echo"]["led"] = 5
-    seal(out, rows)
+    seal(recorded, rows)
     message = "L03_E0.tif was planned with LED 3, but the LED board reports LED 5"
-    words = ("capture", "resume", out, "--rig", rig, "--skip-check")
+    words = ("capture", "resume", recorded, "--rig", rig, "--skip-check")
     for command in (
-        ("capture", "info", out),
-        ("sgp", "normals", out, "--out", tmp_path / "n"),
+        ("capture", "info", recorded),
+        ("sgp", "normals", recorded, "--out", tmp_path / "n"),
         words,
     ):
         line = sgp(*command[command[0] == "sgp" :]).error_line(4)
         assert message in line
-    again = f"capture resume {out} --rig {rig} --skip-check --retake-damaged"
+    again = f"capture resume {recorded} --rig {rig} --skip-check --retake-damaged"
     assert line.endswith(f"`{again}` takes it again")
     assert sgp(*words, "--retake-damaged").code == 0
-    assert sgp("capture", "verify", out).code == 0
+    assert sgp("capture", "verify", recorded).code == 0
 
 
 @pytest.mark.slow
-def test_missing_lines_are_reported(sgp, rig, plan, tmp_path):
-    out = tmp_path / "s"
-    assert capture(sgp, out, "--rig", rig, "--plan", plan(5000.0)).code == 0
-    seal(out, rows_of(out)[:5], complete=False)
+def test_missing_lines_are_reported(sgp, rig, recorded):
+    seal(recorded, rows_of(recorded)[:5], complete=False)
     hint = "4 files without a line in the journal"
     for words in (
-        ("verify", out),
-        ("info", out),
-        ("resume", out, "--rig", rig, "--skip-check"),
+        ("verify", recorded),
+        ("info", recorded),
+        ("resume", recorded, "--rig", rig, "--skip-check"),
     ):
         answer = sgp("capture", *words)
         assert hint in answer.err + answer.out
         assert "restore journal.jsonl and COMPLETE from a copy before you continue" in (
             answer.err + answer.out
         )
-    assert len(list((out / "derived" / "unrecorded").iterdir())) == 4
+    assert len(list((recorded / "derived" / "unrecorded").iterdir())) == 4
 
 
 def _pipe(path):
@@ -151,14 +141,12 @@ def _zero(path):
     ),
 )
 def test_a_file_that_is_not_regular_is_reported_and_never_waited_for(
-    sgp, rig, plan, tmp_path, name, replaced
+    sgp, recorded, tmp_path, name, replaced
 ):
-    out = tmp_path / "session"
-    assert capture(sgp, out, "--rig", rig, "--plan", plan(5000.0)).code == 0
-    replaced(out / name)
-    sheet = ("info", out, "--sheet", tmp_path / "sheet.png")
-    export = ("export", out, "--format", "exr", "--out", tmp_path / "exr")
-    for words in (("verify", out), sheet, ("compact", out), export):
+    replaced(recorded / name)
+    sheet = ("info", recorded, "--sheet", tmp_path / "sheet.png")
+    export = ("export", recorded, "--format", "exr", "--out", tmp_path / "exr")
+    for words in (("verify", recorded), sheet, ("compact", recorded), export):
         answer = sgp("capture", *words)
         assert answer.code == 4, words
         assert name in answer.out + answer.err

@@ -9,20 +9,9 @@ import pytest
 from acquisition import angle_deg, read_image, write_png
 from processing import NormalMap, read_normals, write_normals
 from tests.cases import cases
+from tests.processing.scenes import ball, relief
 
 SIZE = (60, 70)
-
-
-def relief(seed, size):
-    height = cv2.GaussianBlur(np.random.default_rng(seed).normal(size=size), (0, 0), 1.5)
-    dy, dx = np.gradient(height)
-    return NormalMap.from_vectors(np.stack([-3 * dx, 3 * dy, np.ones(size)], axis=2))
-
-
-def ball():
-    y, x = np.mgrid[1 : -1 : SIZE[0] * 1j, -1 : 1 : SIZE[1] * 1j]
-    z = np.sqrt(np.maximum(1.6 - x**2 - y**2, 0))
-    return NormalMap.from_vectors(np.stack([x, y, z], axis=2), x**2 + y**2 < 0.9)
 
 
 def disc(size, x, y, radius):
@@ -33,9 +22,8 @@ def disc(size, x, y, radius):
 @pytest.fixture
 def maps(tmp_path):
     """A folder with a source of 40 x 50 pixels, a target and a mask of a part of the source."""
-    for name, normal_map in (("source", relief(0, (40, 50))), ("target", ball())):
-        (tmp_path / name).mkdir()
-        write_normals(tmp_path / name, normal_map)
+    write_normals(tmp_path / "source", relief(0, (40, 50), blur_px=1.5))
+    write_normals(tmp_path / "target", ball(*SIZE, rim=0.9))
     write_png(tmp_path / "part.png", disc((40, 50), 25, 20, 14))
     return tmp_path
 
@@ -184,7 +172,7 @@ def test_pixels_that_an_edited_detail_lost_are_reported(sgp, maps, erased):
         *("detail", "combine", maps / "parts" / "shape.exr", maps / "edited.png"),
         *("--out", maps / "back", "--json"),
     ).report()
-    assert report["metrics"]["pixels"] == ball().mask.sum() - 100
+    assert report["metrics"]["pixels"] == ball(*SIZE, rim=0.9).mask.sum() - 100
     lost = "edited.png: 100 pixels of the shape have no detail and are masked out"
     assert [line for line in report["warnings"] if line.endswith(lost)]
 

@@ -21,8 +21,7 @@ def result(sgp, recording, tmp_path, monkeypatch):
 
 
 def exported(sgp, *words):
-    answer = sgp("export", "result", *words, "--json").ok()
-    return json.loads(answer.out)
+    return sgp("export", "result", *words, "--json").report()
 
 
 def test_images_of_a_recording(sgp, result, tmp_path):

@@ -9,20 +9,15 @@ import numpy as np
 import pytest
 
 from acquisition import read_image, write_mask
-from processing import NormalMap, read_normals, write_normals
+from processing import read_normals, write_normals
+from tests.processing.scenes import folds
 
 
 @pytest.fixture(scope="module")
 def maps(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with normals of waves, and masks of holes."""
     folder = tmp_path_factory.mktemp("fill")
-    y, x = np.mgrid[:70, :80]
-    slopes = 0.3 * np.sin(x / 2.5 + np.sin(y / 4)), 0.3 * np.cos(y / 3)
-    mask = np.ones((70, 80), np.bool_)
-    mask[:, :10] = False
-    (folder / "waves").mkdir()
-    waves = NormalMap.from_vectors(np.dstack([*slopes, np.ones((70, 80))]), mask)
-    write_normals(folder / "waves", waves)
+    write_normals(folder / "waves", folds((70, 80), 2.5, np.s_[:, :10]))
     for name, window in {
         "hole": (slice(30, 45), slice(40, 55)),
         "beyond": (slice(30, 45), slice(5, 20)),

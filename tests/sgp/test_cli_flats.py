@@ -9,6 +9,7 @@ import time
 import pytest
 
 from acquisition import Session
+from tests.cases import cases
 from tests.sgp.small_rig import CAPTURE, capture
 
 
@@ -77,18 +78,14 @@ def leave_it(process, terminal):
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="requires a pty for the prompt")
-@pytest.mark.parametrize(
+@cases(
     ("typed_before", "act", "code"),
-    [
-        pytest.param(b"\n\n", leave_it, 130, id="Enter"),
-        pytest.param(
-            b"",
-            lambda _, terminal: os.write(terminal, b"\x04"),
-            2,
-            id="Ctrl-D",
-            marks=pytest.mark.slow,
+    {
+        "Enter": (b"\n\n", leave_it, 130),
+        "Ctrl-D": pytest.param(
+            b"", lambda _, terminal: os.write(terminal, b"\x04"), 2, marks=pytest.mark.slow
         ),
-    ],
+    },
 )
 def test_only_enter_at_the_prompt_takes_the_flats(
     rig, with_flats, tmp_path, typed_before, act, code

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 
 import cv2
@@ -18,36 +17,17 @@ from acquisition import (
     read_image,
     read_lights,
     read_source,
-    write_lights,
 )
 from acquisition import write_png as save
 from processing import read_normals
 from tests.quick_sample import quick
-from tests.sgp.conftest import ball, ring_lights
-
-DATA = os.environ.get("SGP_DATA")
-needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA is not set: no real captures")
-
-# As fine as cameras save them: coarser JPEGs differ by what the compression changes, not the curve.
-FINE = (
-    cv2.IMWRITE_JPEG_QUALITY, 100,
-    cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
-)  # fmt: skip
+from tests.real_data import DATA, needs_data
+from tests.sgp.conftest import FINE, ball, photographed
 
 
 @pytest.fixture
 def photographs(tmp_path: Path) -> Path:
-    """Eight sRGB JPEGs of a ball and their mask, with lights.json next to the folder."""
-    folder = tmp_path / "ball"
-    folder.mkdir()
-    lights = ring_lights()
-    write_lights(tmp_path / "lights.json", lights)
-    normals, mask = ball()
-    save(folder / "mask.png", mask.astype(np.uint8) * np.uint8(255))
-    for index, light in enumerate(lights.unit_directions):
-        samples = SRGB.samples(0.7 * np.clip(normals @ light, 0, 1))
-        cv2.imwrite(str(folder / f"b.{index}.jpg"), np.rint(samples * 255).astype(np.uint8), FINE)
-    return folder
+    return photographed(tmp_path / "ball", 0.7)
 
 
 def record(path: Path) -> dict:
@@ -143,7 +123,7 @@ def test_an_imported_session_keeps_the_curve(sgp, photographs, tmp_path) -> None
     answer = sgp(
         "capture", "import", photographs, "--lights", lights, "--out", session, "--json"
     ).ok()
-    assert "transfer-curve" in [n["code"] for n in json.loads(answer.out)["notices"]]
+    assert "transfer-curve" in answer.codes()
     assert Session.open(session).transfer == SRGB
     assert sgp("normals", session, "--out", tmp_path / "a").code == 0
     assert sgp("normals", photographs, "--lights", lights, "--out", tmp_path / "b").code == 0
@@ -171,16 +151,6 @@ def test_spheres_record_the_curve(sgp, tmp_path) -> None:
     assert (parameters["gamma"], parameters["transfer"]) == ("auto", {"kind": "srgb"})
 
 
-@pytest.fixture(scope="module")
-def uw_lights(tmp_path_factory) -> Path:
-    from sgp.app import build, run
-
-    out = tmp_path_factory.mktemp("uw") / "lights.json"
-    words = ["calibrate", "spheres", str(Path(str(DATA)) / "uw" / "chrome"), "--out", str(out)]
-    assert run(build(), words) == 0
-    return out
-
-
 def saved(source: Path, folder: Path, suffix: str) -> Path:
     """Save the images of a capture as 8-bit files with the sRGB curve."""
     folder.mkdir()
@@ -200,7 +170,7 @@ def test_display_ready_photographs_of_buddha_agree_with_its_linear_images(
     sgp, uw_lights, tmp_path
 ) -> None:
     """With no option given; read as linear, the same files are 14.7 degrees off."""
-    buddha = Path(str(DATA)) / "uw" / "buddha"
+    buddha = DATA / "uw" / "buddha"
     images = saved(buddha, tmp_path / "buddha", "jpg")
     for name, source, options in (
         ("linear", buddha, []),
@@ -208,10 +178,9 @@ def test_display_ready_photographs_of_buddha_agree_with_its_linear_images(
         ("wrong", images, ["--gamma", "linear"]),
     ):
         out = tmp_path / name
-        answer = sgp(
+        codes = sgp(
             "normals", source, "--lights", uw_lights, *options, "--out", out, "--json"
-        ).ok()
-        codes = [notice["code"] for notice in json.loads(answer.out)["notices"]]
+        ).codes()
         assert ("transfer-curve-doubtful" in codes) == (name == "wrong")
     truth = read_normals(tmp_path / "linear").normal_map
     error = {}
@@ -244,7 +213,7 @@ SAVED = {
 def test_only_wrong_curves_of_real_captures_are_doubted(uw_lights, tmp_path, name, suffix) -> None:
     from processing import reconstruct
 
-    folder = Path(str(DATA)) / "uw" / name
+    folder = DATA / "uw" / name
     if suffix is not None:
         folder = saved(folder, tmp_path / name, suffix)
     found = reconstruct(read_source(folder, lights=read_lights(uw_lights)), surface=False).warnings
@@ -257,7 +226,7 @@ def test_only_wrong_curves_of_real_captures_are_doubted(uw_lights, tmp_path, nam
 def test_diligent_is_linear_without_a_word(name) -> None:
     from processing import reconstruct
 
-    source = read_source(Path(str(DATA)) / "diligent" / name)
+    source = read_source(DATA / "diligent" / name)
     assert source.transfer == LINEAR
     found = reconstruct(source, surface=False).warnings
     assert not [notice for notice in found if "curve" in notice.code]

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import errno
-import os
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
-from acquisition.files import BandStore, software_version
+from acquisition.files import software_version
 from processing.recording import pipeline as memory
 from sgp.stages import stored_normals as _stored_normals
+from tests.sgp.in_bands import CTRL_C, FULL_DISK, check_equal, interrupted
 
 # For 40 x 48 pixels and 8 lights: bands of 10 rows.
 LITTLE = "200K"
@@ -28,54 +26,12 @@ def given(recording: Path, tmp_path: Path) -> list[object]:
     return [recording, "--lights", tmp_path / "lights.json", "--method", "cauchy"]
 
 
-def files(folder: Path) -> dict[str, bytes]:
-    return {
-        str(path.relative_to(folder)): path.read_bytes()
-        for path in folder.rglob("*")
-        if path.suffix in (".exr", ".png")
-    }
-
-
-def check_equal(found: Path, expected: Path) -> None:
-    left, right = files(found), files(expected)
-    assert sorted(left) == sorted(right)
-    assert [name for name in left if left[name] != right[name]] == []
-    assert not [path.name for path in found.rglob(".part-*")]
-
-
-@pytest.fixture
-def bands(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[str, slice]]]:
-    """The rows that are completed."""
-    seen, complete = [], BandStore.complete
-
-    def noted(store: BandStore, step: str, rows: slice) -> None:
-        complete(store, step, rows)
-        seen.append((step, rows))
-
-    monkeypatch.setattr(BandStore, "complete", noted)
-    return seen
-
-
-def stop(error: BaseException, after: int) -> Callable[..., None]:
-    """Return a replacement of `BandStore.complete` that fails after some bands."""
-    complete, count = BandStore.complete, iter(range(100))
-
-    def stopped(*args: object) -> None:
-        if next(count) >= after:
-            raise error
-        complete(*args)
-
-    return stopped
-
-
-def test_what_is_complete_is_not_computed_again(sgp, given, tmp_path, monkeypatch, bands) -> None:
+def test_what_is_complete_is_not_computed_again(sgp, given, tmp_path, bands) -> None:
     """After Ctrl-C, and after a full disk."""
     assert sgp("normals", *given, "--out", tmp_path / "whole").code == 0
     command = ["normals", *given, "--out", tmp_path / "bands", "--memory", LITTLE]
-    full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-    for error, code in ((KeyboardInterrupt(), 130), (full, 3)):
-        with monkeypatch.context() as patched:
-            patched.setattr(BandStore, "complete", stop(error, 1))
+    for error, code in (CTRL_C, FULL_DISK):
+        with interrupted(error, 1):
             answer = sgp(*command)
         assert answer.code == code
         assert "free space" in answer.err or code == 130
@@ -90,8 +46,7 @@ def test_what_is_complete_is_not_computed_again(sgp, given, tmp_path, monkeypatc
 
 def test_unfinished_maps_of_others_are_refused(sgp, given, tmp_path, monkeypatch) -> None:
     command = ["normals", *given, "--out", tmp_path / "out", "--memory", LITTLE]
-    with monkeypatch.context() as patched:
-        patched.setattr(BandStore, "complete", stop(KeyboardInterrupt(), 1))
+    with interrupted(CTRL_C[0], 1):
         assert sgp(*command).code == 130
     with monkeypatch.context() as patched:
         patched.setattr(_stored_normals.acquisition.files, "software_version", lambda: "0.0.1")
@@ -130,10 +85,9 @@ def test_unfinished_maps_of_another_command_are_kept_with_enough_memory(sgp, rec
     assert (out / "normals.exr").read_text() == "of that command"
 
 
-def test_enough_memory_later_leaves_no_unfinished_maps(sgp, given, tmp_path, monkeypatch) -> None:
+def test_enough_memory_later_leaves_no_unfinished_maps(sgp, given, tmp_path) -> None:
     command = ["normals", *given, "--out", tmp_path / "out", "--memory"]
-    with monkeypatch.context() as patched:
-        patched.setattr(BandStore, "complete", stop(KeyboardInterrupt(), 1))
+    with interrupted(CTRL_C[0], 1):
         assert sgp(*command, LITTLE).code == 130
     assert sgp(*command, "1G").code == 0
     assert sgp("normals", *given, "--out", tmp_path / "whole").code == 0

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from acquisition import Lights, write_lights, write_mask, write_png
-from processing import NormalMap, write_normals
+from processing import write_normals
 from processing.detail import SeparationStage, TransferStage
 from processing.superres import SuperResolutionStage
 from processing.synthesis import SynthesisStage
+from tests.processing.scenes import waves
 from tests.sgp.killed import Server, Unfinished, check_killed, server
 
 __all__ = ["server"]
@@ -68,11 +69,7 @@ def test_normals(
 
 
 def write_waves(folder: Path, size: tuple[int, int]) -> None:
-    """Write rough waves that fill the frame."""
-    y, x = np.mgrid[: size[0], : size[1]].astype(np.float32)
-    noise = np.random.default_rng(68).normal(0, 0.1, (2, *size))
-    slopes = 0.4 * np.sin(x / 3) + noise[0], 0.3 * np.cos(y / 9) + noise[1]
-    write_normals(folder, NormalMap.from_vectors(np.dstack([*slopes, np.ones(size)])))
+    write_normals(folder, waves(size, 68, (0.4, 0.3), (3, 9)))
 
 
 @pytest.mark.slow

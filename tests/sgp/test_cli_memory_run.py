@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from acquisition import read_image
-from acquisition.files import BandStore
 from processing.detail import separation as rows
 from processing.recording import pipeline as memory
 from processing.stages import Need
@@ -17,7 +16,7 @@ from processing.surface import SurfaceStage
 from processing.surface.blocks import surface_stage
 from sgp.stages import memory_limit as _memory_limit
 from sgp.stages import run_stages as _run_stages
-from tests.sgp.test_cli_memory import files, stop
+from tests.sgp.in_bands import CTRL_C, check_equal, interrupted
 from tests.sgp.test_cli_near import HEIGHT, NORMALS, PIXEL_MM, panel, write_images
 
 LITTLE = "200K"
@@ -46,14 +45,11 @@ def given(recording: Path, tmp_path: Path) -> list[object]:
     return ["run", recording, "--lights", lights, "--method", "ls", "--order", 1, "--w", 2]
 
 
-def check_equal(found: Path, expected: Path) -> None:
-    left, right = files(found), files(expected)
-    assert sorted(left) == sorted(right)
-    assert [n for n in left if not n.startswith(LOOSE) and left[n] != right[n]] == []
+def check_close(found: Path, expected: Path) -> None:
+    check_equal(found, expected, LOOSE)
     heights = [read_image(folder / "surface" / "height.exr") for folder in (found, expected)]
     np.testing.assert_array_equal(*(np.isnan(height) for height in heights))
     assert np.nanmax(np.abs(heights[0] - heights[1])) < 5e-4 * np.nanmax(np.abs(heights[1]))
-    assert not [path.name for path in found.rglob(".part-*")]
 
 
 @pytest.mark.slow
@@ -64,20 +60,18 @@ def test_what_is_complete_is_not_done_again(sgp, given, tmp_path, monkeypatch) -
     command = [*given, "--out", out, "--memory", LITTLE]
     for name in ("write_normals_stage", "write_separation", "integrated"):
         monkeypatch.setattr(_run_stages, name, noted(getattr(_run_stages, name), name, written))
-    with monkeypatch.context() as patched:
-        patched.setattr(BandStore, "complete", stop(KeyboardInterrupt(), 1))
+    with interrupted(CTRL_C[0], 1):
         assert sgp(*command).code == 130
     assert written == []
     assert (out / "normals" / ".part-normals").is_dir()
     for name in ("write_separation", "integrated", "surface_panels"):
-        with monkeypatch.context() as patched:
-            patched.setattr(_run_stages, name, raises)
+        with interrupted(CTRL_C[0], 0, _run_stages, name):
             assert sgp(*command).code == 130
     line = sgp(*command, "--stl").error_line(2)
     assert "differs in stl: repeat that command" in line
     assert sgp(*command).code == 0
     assert written == ["write_normals_stage", "write_separation", "integrated"]
-    check_equal(out, tmp_path / "whole")
+    check_close(out, tmp_path / "whole")
     assert (out / "summary.json").is_file()
 
 
@@ -87,10 +81,6 @@ def noted(function: Callable, name: str, written: list[str]) -> Callable:
         return function(*words, **options)
 
     return call
-
-
-def raises(*_: object, **__: object) -> None:
-    raise KeyboardInterrupt
 
 
 def test_what_cannot_be_done_is_refused_before_any_work(sgp, given, tmp_path) -> None:
@@ -111,8 +101,7 @@ def test_near_lights_and_a_surface_from_files(sgp, tmp_path, monkeypatch) -> Non
     given = ["run", tmp_path / "cap", "--lights", lights, "--pixel-mm", PIXEL_MM, "--w", 2]
     assert sgp(*given, "--out", tmp_path / "whole").code == 0
     assert sgp(*given, "--out", tmp_path / "blocks", "--memory", LITTLE).code == 0
-    check_equal(tmp_path / "blocks", tmp_path / "whole")
+    check_close(tmp_path / "blocks", tmp_path / "whole")
     monkeypatch.setattr(SurfaceStage, "need", lambda *_: Need(0, 0, "a surface"))
     assert sgp(*given, "--out", tmp_path / "files", "--memory", LITTLE).code == 0
-    left, right = files(tmp_path / "files"), files(tmp_path / "whole")
-    assert [n for n in left if left[n] != right[n]] == []
+    check_equal(tmp_path / "files", tmp_path / "whole")

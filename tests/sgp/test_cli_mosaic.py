@@ -43,10 +43,9 @@ def test_sites_of_a_mosaic_give_better_normals_at_edges_of_colours(sgp, coin, tm
     for channel in ("gray", "mosaic"):
         out = tmp_path / channel
         lights = coin / "derived" / "truth" / "lights.json"
-        answer = sgp(
+        errors[channel] = sgp(
             "normals", coin, "--lights", lights, "--channel", channel, "--out", out, "--json"
-        ).ok()
-        errors[channel] = json.loads(answer.out)["metrics"]["mae_deg"]
+        ).figures()["mae_deg"]
         record = json.loads((out / "normals.json").read_text(encoding="utf-8"))
         assert record["parameters"]["channel"] == channel
         assert read_image(out / "albedo.exr").shape == (400, 480, 3)

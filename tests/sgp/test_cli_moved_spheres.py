@@ -10,6 +10,7 @@ import pytest
 from acquisition import read_lights, write_png
 from sgp.calibrate import Marks, marks_of
 from tests.calibration.moved import masks, rendered, write_folder
+from tests.cases import cases
 
 
 @pytest.fixture(scope="module")
@@ -62,22 +63,19 @@ def test_a_circle_belongs_to_the_recording_with_its_number():
     assert marks_of(["2:a.png"], [], 1) == [Marks([Path("2:a.png")])]
 
 
-@pytest.mark.parametrize(
+@cases(
     ("options", "says"),
-    [
-        pytest.param(
-            ("--sphere", "80,90,20"), "which of the 2 recordings shows this sphere?", id="circle"
-        ),
-        pytest.param(("--mask", "ball.png"), "which of the 2 recordings", id="mask"),
-        pytest.param(("--sphere", "3:80,90,20"), "there is no recording 3", id="number"),
-        pytest.param(("--sphere", "0:80,90,20"), "there is no recording 0", id="from 1"),
-        pytest.param(("--sphere", "2:80,90"), "give 3 numbers", id="numbers"),
-        pytest.param(
+    {
+        "circle": (("--sphere", "80,90,20"), "which of the 2 recordings shows this sphere?"),
+        "mask": (("--mask", "ball.png"), "which of the 2 recordings"),
+        "number": (("--sphere", "3:80,90,20"), "there is no recording 3"),
+        "from 1": (("--sphere", "0:80,90,20"), "there is no recording 0"),
+        "numbers": (("--sphere", "2:80,90"), "give 3 numbers"),
+        "both": (
             ("--sphere", "2:8,9,2", "--mask", "2:a.png"),
             "both give the outlines of the spheres of recording 2",
-            id="both",
         ),
-    ],
+    },
 )
 def test_a_mark_without_a_recording_is_refused(sgp, two, tmp_path, options, says):
     assert says in sgp(*words(two, *options, "--out", tmp_path / "l.json")).error_line(2)

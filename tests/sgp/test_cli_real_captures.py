@@ -1,22 +1,15 @@
 """The documented accuracy on real captures, measured with the commands of the documents."""
 
 import json
-import os
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from acquisition import angle_deg, read_image, read_lights, read_mask
 from processing import read_normals
+from tests.real_data import DATA, needs_data
 
-DATA = os.environ.get("SGP_DATA")
-pytestmark = pytest.mark.skipif(not DATA, reason="SGP_DATA is not set: no real captures")
-
-
-@pytest.fixture(scope="module")
-def data() -> Path:
-    return Path(str(DATA))
+pytestmark = needs_data
 
 
 @pytest.mark.parametrize(
@@ -28,22 +21,12 @@ def data() -> Path:
         pytest.param("catPNG", "cauchy", 0.0, 7.2, id="cat cauchy", marks=pytest.mark.slow),
     ],
 )
-def test_diligent_against_ground_truth(sgp, data, tmp_path, name, method, low, high):
+def test_diligent_against_ground_truth(sgp, tmp_path, name, method, low, high):
     metrics = sgp(
-        "normals", data / "diligent" / name, "--method", method, "--out", tmp_path, "--json"
+        "normals", DATA / "diligent" / name, "--method", method, "--out", tmp_path, "--json"
     ).figures()
     assert low <= metrics["mae_deg"] <= high
     assert metrics["coverage"] == 1.0
-
-
-@pytest.fixture(scope="module")
-def uw_lights(data, tmp_path_factory) -> Path:
-    from sgp.app import build, run
-
-    out = tmp_path_factory.mktemp("uw") / "lights.json"
-    words = ["calibrate", "spheres", str(data / "uw" / "chrome"), "--out", str(out)]
-    assert run(build(), words) == 0
-    return out
 
 
 @pytest.mark.slow
@@ -58,8 +41,8 @@ def test_a_chrome_ball_gives_lights_in_front_of_the_object(uw_lights):
 
 
 @pytest.mark.slow
-def test_buddha_is_raised_right_is_red_and_up_is_green(sgp, data, uw_lights, tmp_path):
-    sgp("run", data / "uw" / "buddha", "--lights", uw_lights, "--out", tmp_path).ok()
+def test_buddha_is_raised_right_is_red_and_up_is_green(sgp, uw_lights, tmp_path):
+    sgp("run", DATA / "uw" / "buddha", "--lights", uw_lights, "--out", tmp_path).ok()
     assert (tmp_path / "overview.png").stat().st_size > 50_000
     mask = read_mask(tmp_path / "normals" / "mask.png")
     colours = read_image(tmp_path / "normals" / "normals.png").astype(float) / 65535
@@ -84,11 +67,11 @@ def test_buddha_is_raised_right_is_red_and_up_is_green(sgp, data, uw_lights, tmp
     assert set(seconds["seconds"]) >= {"normals", "detail", "surface"}
 
 
-def test_gray_ball_agrees_with_its_geometry(sgp, data, uw_lights, tmp_path):
+def test_gray_ball_agrees_with_its_geometry(sgp, uw_lights, tmp_path):
     """The truth is the ball's outline, an ellipse since the pixels are not square."""
-    sgp("normals", data / "uw" / "gray", "--lights", uw_lights, "--out", tmp_path).ok()
+    sgp("normals", DATA / "uw" / "gray", "--lights", uw_lights, "--out", tmp_path).ok()
     found = read_normals(tmp_path).normal_map
-    mask = read_mask(data / "uw" / "gray" / "gray.mask.tga")
+    mask = read_mask(DATA / "uw" / "gray" / "gray.mask.tga")
     rows, columns = np.nonzero(mask)
     a, b = (np.ptp(columns) + 1) / 2, (np.ptp(rows) + 1) / 2
     x = (columns - (columns.min() + columns.max()) / 2) / a
@@ -101,9 +84,9 @@ def test_gray_ball_agrees_with_its_geometry(sgp, data, uw_lights, tmp_path):
     assert error[z > 0.3].mean() <= 5.0
 
 
-def test_a_raw_file_is_imported_with_its_colour_filter(sgp, data, tmp_path):
+def test_a_raw_file_is_imported_with_its_colour_filter(sgp, tmp_path):
     out = tmp_path / "session"
-    raw = data / "raw" / "RAW_KODAK_DC50.KDC"
+    raw = DATA / "raw" / "RAW_KODAK_DC50.KDC"
     camera = sgp("capture", "import", raw, "--out", out, "--json").figures()["camera"]
     assert camera["cfa"] == "GRBG"
     (frame,) = (out / "frames").iterdir()

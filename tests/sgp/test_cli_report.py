@@ -29,8 +29,7 @@ def report_of(html: str) -> dict:
 
 def test_a_page_names_its_maps_and_what_is_missing(sgp, folder, tmp_path):
     page = tmp_path / "page.html"
-    answer = sgp("report", folder, "--out", page, "--json")
-    printed = json.loads(answer.out)
+    printed = sgp("report", folder, "--out", page, "--json").report()
     assert printed["metrics"] == {"results": 1, "bytes": page.stat().st_size, "reduction": [1.0]}
     assert [one["code"] for one in printed["notices"]] == ["recording-unreadable"]
     html = page.read_text(encoding="utf-8")

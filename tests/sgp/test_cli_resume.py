@@ -99,18 +99,14 @@ def test_ctrl_c_leaves_a_dark_rig_and_an_intact_incomplete_session(sgp, rig, pla
 
 
 @pytest.mark.slow
-def test_a_torn_last_line_is_reported_on_resuming_and_its_frame_taken_again(
-    sgp, rig, plan, tmp_path
-):
-    out = tmp_path / "s"
-    assert capture(sgp, out, "--rig", rig, "--plan", plan(5000.0)).code == 0
-    (out / "COMPLETE").unlink()
-    journal = (out / "journal.jsonl").read_bytes()
-    (out / "journal.jsonl").write_bytes(journal[:-40])
-    answer = sgp("capture", "resume", out, "--rig", rig, "--skip-check").ok()
+def test_a_torn_last_line_is_reported_on_resuming_and_its_frame_taken_again(sgp, rig, recorded):
+    (recorded / "COMPLETE").unlink()
+    journal = (recorded / "journal.jsonl").read_bytes()
+    (recorded / "journal.jsonl").write_bytes(journal[:-40])
+    answer = sgp("capture", "resume", recorded, "--rig", rig, "--skip-check").ok()
     assert answer.err.count("writing the last line was interrupted") == 1
     assert "missing shots that have been taken: 1" in answer.err
-    assert sgp("capture", "verify", out).code == 0
+    assert sgp("capture", "verify", recorded).code == 0
 
 
 @pytest.mark.slow

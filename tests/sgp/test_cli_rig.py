@@ -114,27 +114,22 @@ def test_the_view_of_a_frame_is_upright_and_in_a_new_folder(sgp, mounted, tmp_pa
     assert not out.exists()
 
 
+def turn_off(bench, sgp):
+    """Turn off an LED that another program left on."""
+    board = Board(bench.board.port)
+    board.on(3, 50_000)
+    board.close()
+    assert sgp("rig", "off", "--rig", bench.rig).code == 0
+    assert bench.dark()
+
+
 def test_off_turns_off_an_led_that_another_program_left_on(bench, sgp):
-    board = Board(bench.board.port)
-    board.on(3, 50_000)
-    board.close()
-    assert sgp("rig", "off", "--rig", bench.rig).code == 0
-    assert bench.dark()
+    turn_off(bench, sgp)
 
 
-@pytest.fixture
-def without_camera(bench):
+def test_lights_need_no_camera(bench, sgp):
     bench.options["cti"] = "/nowhere/maker.cti"
-    return bench
-
-
-def test_lights_need_no_camera(without_camera, sgp):
-    bench = without_camera
-    board = Board(bench.board.port)
-    board.on(3, 50_000)
-    board.close()
-    assert sgp("rig", "off", "--rig", bench.rig).code == 0
-    assert bench.dark()
+    turn_off(bench, sgp)
     sgp("rig", "light", 5, "--seconds", 0.2, "--rig", bench.rig).ok()
     assert (bench.state.periods()[-1].led, bench.dark()) == (5, True)
     assert "maker.cti" in sgp("rig", "check", "--rig", bench.rig).error_line(3)
@@ -150,8 +145,8 @@ def test_first_light_needs_no_rig_file(bench, sgp, monkeypatch):
     assert bench.dark()
 
 
-def test_an_led_that_turns_off_by_itself_is_reported(without_camera, sgp):
-    bench = without_camera
+def test_an_led_that_turns_off_by_itself_is_reported(bench, sgp):
+    bench.options["cti"] = "/nowhere/maker.cti"
     bench.board.set_faults(BoardFault(kind="goes-dark", verb="ON", value=100))
     line = sgp("rig", "light", 5, "--seconds", 0.6, "--rig", bench.rig).error_line(3)
     assert "LED 5 was turned on, but no LED was on at the end" in line

@@ -76,8 +76,7 @@ def test_normals_warn_about_lights_of_another_setup(sgp, spheres, lights, tmp_pa
         file["calibrated"][change[0]] = change[1]
     (tmp_path / "l.json").write_text(json.dumps(file))
     words = ("normals", spheres, "--lights", tmp_path / "l.json", "--out", tmp_path / "n")
-    answer = sgp(*words, "--method", "ls", "--downscale", 4, "--json").ok()
-    codes = [notice["code"] for notice in json.loads(answer.out)["notices"]]
+    codes = sgp(*words, "--method", "ls", "--downscale", 4, "--json").codes()
     expected = [] if code is None else [code]
     assert [one for one in codes if one.startswith("lights-of-another")] == expected
 

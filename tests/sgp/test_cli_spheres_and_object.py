@@ -74,8 +74,7 @@ def test_the_page_has_the_notices_about_the_spheres(sgp, recording, tmp_path):
     shutil.copytree(recording, source)
     for path in source.iterdir():
         write_png(path, np.minimum(read_image(path).astype(int) * 2, 65535).astype(np.uint16))
-    result = sgp("run", source, "--spheres", "--out", out, "--json").ok()
-    notices = [one["code"] for one in json.loads(result.out)["notices"]]
+    notices = sgp("run", source, "--spheres", "--out", out, "--json").codes()
     assert "highlights-saturated" in notices
     page = (out / "report.html").read_text()
     assert [code for code in notices if page.count(f"<code>{code}</code>") != 1] == []

@@ -11,8 +11,9 @@ import pytest
 
 import processing
 from acquisition import read_camera, read_image, write_camera, write_exr
-from processing import NormalMap, read_normals, write_normals
+from processing import read_normals, write_normals
 from simulator import bench_camera
+from tests.processing.scenes import folds
 
 MODELS = Path(processing.__file__).parent / "superres" / "models"
 
@@ -21,11 +22,7 @@ MODELS = Path(processing.__file__).parent / "superres" / "models"
 def low(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with normals of waves inside a mask, and other files."""
     folder = tmp_path_factory.mktemp("superres")
-    y, x = np.mgrid[:30, :40]
-    slopes = 0.3 * np.sin(x / 1.5 + np.sin(y / 4)), 0.3 * np.cos(y / 3)
-    mask = np.ones((30, 40), np.bool_)
-    mask[:, :10] = False
-    waves = NormalMap.from_vectors(np.dstack([*slopes, np.ones((30, 40))]), mask)
+    waves = folds((30, 40), 1.5, np.s_[:, :10])
     write_normals(folder / "waves", waves)
     vectors = waves.normals.copy()
     vectors[5:8, 20:30] = np.nan

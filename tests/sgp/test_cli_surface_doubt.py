@@ -207,7 +207,7 @@ def test_a_run_without_known_noise_says_that_heights_have_no_deviations(sgp, tmp
     words = ("run", tmp_path / "images", "--lights", tmp_path / "lights.json", "--height-sigma")
     answer = sgp(*words, "--out", tmp_path / "out", "--json")
     assert answer.code == 0, answer.err
-    assert "height-sigma-unknown" in [one["code"] for one in json.loads(answer.out)["notices"]]
+    assert "height-sigma-unknown" in answer.codes()
     assert not (tmp_path / "out" / "surface" / "height_sigma.exr").exists()
 
 

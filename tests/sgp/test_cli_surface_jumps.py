@@ -32,9 +32,8 @@ def test_jumps_are_written_and_reported(sgp, tmp_path) -> None:
     assert found["jumps"]["jumps"] > 50
     assert isinstance(found["jumps"]["settled"], bool)
     assert "settled" not in found["plain"]
-    alone = sgp("surface", tmp_path / "n", "--k", "3", "--out", tmp_path / "k")
-    assert alone.code == 2
-    assert "give --discontinuity too" in alone.err
+    line = sgp("surface", tmp_path / "n", "--k", "3", "--out", tmp_path / "k").error_line(2)
+    assert "give --discontinuity too" in line
 
 
 def test_mirrored_green_names_the_option(sgp, tmp_path) -> None:

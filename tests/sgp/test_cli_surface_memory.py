@@ -3,30 +3,27 @@
 from __future__ import annotations
 
 import errno
-import itertools
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 
-from acquisition import (
-    CameraModel,
-    write_camera,
-    write_exr,
-    write_mask,
-)
-from acquisition.files.storage import disk
+from acquisition import CameraModel, write_camera, write_exr, write_mask
+from acquisition.files.storage import storage_error
 from processing import NormalMap, write_normals
 from processing.surface.blocks import surface_stage
 from processing.surface.blocks.block_files import BlockFiles
+from tests.sgp.in_bands import CTRL_C, interrupted
 
 SIZE = (192, 60)
 # Blocks of 48 rows.
 LITTLE = "900K"
+BROKEN, FULL = (
+    storage_error(Path("step.npz"), "write", error)
+    for error in (OSError("broken"), OSError(errno.ENOSPC, "no space left"))
+)
 
 
 @pytest.fixture(autouse=True)
@@ -72,14 +69,13 @@ def test_the_least_memory_works(sgp, given) -> None:
     assert sgp("surface", *given, "--out", "x", "--memory", least).code == 0
 
 
-def test_what_is_interrupted_is_continued(sgp, given, monkeypatch) -> None:
+def test_what_is_interrupted_is_continued(sgp, given) -> None:
     """Ctrl-C and a full disk between blocks and rounds, with less memory afterwards."""
     command = ["surface", *given, "--out", "x", "--memory"]
     assert sgp(*command[:-2], "whole", "--memory", LITTLE).code == 0
     steps = 0
-    for error, code in ((KeyboardInterrupt(), 130), (OSError(errno.ENOSPC, "no space left"), 3)):
-        with monkeypatch.context() as patched:
-            patched.setattr(BlockFiles, "complete", stopped(BlockFiles.complete, 3, error))
+    for error, code in (CTRL_C, (FULL, 3)):
+        with interrupted(error, 3, BlockFiles):
             assert sgp(*command, LITTLE).code == code
         before, steps = steps, len(list(Path("x/.part-surface").glob("step-*")))
         assert steps > before
@@ -90,49 +86,36 @@ def test_what_is_interrupted_is_continued(sgp, given, monkeypatch) -> None:
         assert path.suffix == ".json" or path.read_bytes() == Path("x", path.name).read_bytes()
 
 
-def test_blocks_of_other_inputs_are_refused_by_name(sgp, given, monkeypatch) -> None:
+@pytest.fixture
+def begun(sgp, given) -> list[object]:
+    """A command that a damaged disk ended between its blocks."""
     command = ["surface", *given, "--out", "x", "--memory", LITTLE]
-    with monkeypatch.context() as patched:
-        patched.setattr(BlockFiles, "complete", stopped(BlockFiles.complete, 3, OSError("broken")))
+    with interrupted(BROKEN, 3, BlockFiles):
         assert sgp(*command).code == 3
-    other = sgp(*command, "--camera", "camera.json")
-    assert other.code == 2
-    assert "differs in camera: repeat that command" in other.err
+    return command
+
+
+def test_blocks_of_other_inputs_are_refused_by_name(sgp, begun) -> None:
+    answer = sgp(*begun, "--camera", "camera.json")
+    assert answer.code == 2
+    assert "differs in camera: repeat that command" in answer.err
     assert Path("x/.part-surface").exists()
-    assert sgp(*command, "--camera", "camera.json", "--force").code == 0
-    shutil.rmtree("x")
-    with monkeypatch.context() as patched:
-        patched.setattr(BlockFiles, "complete", stopped(BlockFiles.complete, 3, OSError("broken")))
-        assert sgp(*command).code == 3
-    assert sgp(*command[:-1], "1G").code == 0
+    assert sgp(*begun, "--camera", "camera.json", "--force").code == 0
+
+
+def test_enough_memory_later_leaves_no_blocks(sgp, begun) -> None:
+    assert sgp(*begun[:-1], "1G").code == 0
     assert not Path("x/.part-surface").exists()
 
 
-def test_blocks_that_were_changed_are_refused_by_name(sgp, given, monkeypatch) -> None:
-    command = ["surface", *given, "--out", "x", "--memory", LITTLE]
-    with monkeypatch.context() as patched:
-        patched.setattr(BlockFiles, "complete", stopped(BlockFiles.complete, 3, OSError("broken")))
-        assert sgp(*command).code == 3
+def test_blocks_that_were_changed_are_refused_by_name(sgp, begun) -> None:
     part = Path("x/.part-surface/solution-0-0.raw")
     part.write_bytes(bytes(part.stat().st_size))
-    answer = sgp(*command)
+    answer = sgp(*begun)
     text = f"{part}: was changed since it was computed: add --force to begin again"
     assert (answer.code, text in answer.err) == (2, True)
-    assert sgp(*command, "--force").code == 0
+    assert sgp(*begun, "--force").code == 0
     assert not Path("x/.part-surface").exists()
-
-
-def stopped(complete: Callable[..., Any], after: int, error: BaseException) -> Callable[..., Any]:
-    """Return a method that raises an error after some calls."""
-    calls = itertools.count()
-
-    def stop(*given: Any, **record: Any) -> Any:
-        if next(calls) < after:
-            return complete(*given, **record)
-        with disk(Path("step.npz"), "write"):
-            raise error
-
-    return stop
 
 
 def test_inputs_without_a_surface_leave_nothing(sgp, given) -> None:

@@ -11,6 +11,7 @@ import pytest
 from acquisition import read_image, write_exr, write_png
 from processing import NormalMap, combine, read_normals, separate, write_normals
 from tests.cases import cases
+from tests.processing.scenes import folds
 
 NAMES = ("normals", "detail")
 
@@ -19,12 +20,7 @@ NAMES = ("normals", "detail")
 def exemplar(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with normals of waves, with a hole at its rim."""
     folder = tmp_path_factory.mktemp("exemplar") / "waves"
-    y, x = np.mgrid[:80, :90]
-    slopes = 0.3 * np.sin(x / 2.5 + np.sin(y / 4)), 0.3 * np.cos(y / 3)
-    mask = np.ones((80, 90), np.bool_)
-    mask[:10, :10] = False
-    folder.mkdir()
-    write_normals(folder, NormalMap.from_vectors(np.dstack([*slopes, np.ones((80, 90))]), mask))
+    write_normals(folder, folds((80, 90), 2.5, np.s_[:10, :10]))
     return folder
 
 
@@ -153,4 +149,4 @@ def test_a_flat_exemplar_and_one_with_shape(sgp, tmp_path: Path) -> None:
     write_normals(tilted, NormalMap.from_vectors(noise + np.array([0.5, 0, 1])))
     options = ("--is-detail", "--size", "64x64", "--patch", 16, "--json")
     answer = sgp("detail", "synthesize", tilted, *options, "--out", tmp_path / "out").ok()
-    assert "exemplar-with-shape" in [one["code"] for one in json.loads(answer.out)["notices"]]
+    assert "exemplar-with-shape" in answer.codes()

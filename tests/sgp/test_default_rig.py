@@ -96,8 +96,7 @@ def test_the_refusal_imports_no_library(rig):
 
 def names(sgp, *words):
     """Return the rig that a command opened."""
-    answer = sgp("rig", "check", "--json", *words).ok()
-    return json.loads(answer.out)["metrics"]["rig"]
+    return sgp("rig", "check", "--json", *words).figures()["rig"]
 
 
 def test_option_then_variable_then_file(sgp, config, tmp_path, monkeypatch):

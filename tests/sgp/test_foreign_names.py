@@ -13,6 +13,7 @@ import pytest
 import sgp
 from rig.processes import module_command
 from sgp.cli.entry import PACKAGES
+from tests.cases import cases
 
 pytest_plugins = ["pytester"]
 
@@ -82,21 +83,28 @@ def script(name: str) -> str:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
+@cases(
     "words",
-    [
-        pytest.param(["sgp", "--help"], id="help"),
-        pytest.param(["sgp", "rig", "off", *RIG], id="rig off"),
-        pytest.param(["sgp", "rig", "check", *RIG], id="rig check"),
-        pytest.param(["sgp", "rig", "list"], id="rig list"),
-        pytest.param(["capture", "run", "session", *RIG, "--skip-check"], id="capture run"),
-        pytest.param(
-            ["sgp", "simulate", "coin", "--led-count", "3", "--size", "32x32", "--out", "coin"],
-            id="simulate, through the GenTL producer",
-        ),
-        pytest.param(["sgp", "demo"], id="demo", marks=pytest.mark.slow),
-    ],
-)  # fmt: skip
+    {
+        "help": ["sgp", "--help"],
+        "rig off": ["sgp", "rig", "off", *RIG],
+        "rig check": ["sgp", "rig", "check", *RIG],
+        "rig list": ["sgp", "rig", "list"],
+        "capture run": ["capture", "run", "session", *RIG, "--skip-check"],
+        "simulate, through the GenTL producer": [
+            "sgp",
+            "simulate",
+            "coin",
+            "--led-count",
+            "3",
+            "--size",
+            "32x32",
+            "--out",
+            "coin",
+        ],
+        "demo": pytest.param(["sgp", "demo"], marks=pytest.mark.slow),
+    },
+)
 def test_no_command_executes_files_in_the_working_directory(decoys, words):
     done = run(decoys, script(words[0]), *words[1:])
     assert executed(decoys) == []

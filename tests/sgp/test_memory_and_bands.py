@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 from acquisition import read_image
-from acquisition.files import BandStore
 from processing.superres import higher_resolution
 
 ROOT = Path(__file__).parents[2]
@@ -105,20 +104,10 @@ def top(revisions: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path
     return folder
 
 
-@pytest.fixture
-def bands(monkeypatch: pytest.MonkeyPatch) -> list[object]:
-    """What was completed of maps in files."""
-    done: list[object] = []
-    complete = BandStore.complete
-
-    def noted(store: BandStore, step: str, units: slice) -> None:
-        complete(store, step, units)
-        done.append((step, units))
-
-    monkeypatch.setattr(BandStore, "complete", noted)
-    # The map is too small for several bands.
+@pytest.fixture(autouse=True)
+def small_tiles(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The map is too small for several bands otherwise."""
     monkeypatch.setattr(higher_resolution, "TILE_PX", 16)
-    return done
 
 
 @pytest.fixture

@@ -18,11 +18,7 @@ from sgp.report.recording import Image, Recording
 from sgp.report.sections import Part, sections
 from sgp.report.source_maps import companions
 from tests.sgp.report_folder import write_folder, write_recording
-
-
-def report_of(html: str) -> dict:
-    found = re.search(r'id="report">(.*?)</script>', html, re.DOTALL)
-    return json.loads(found[1])
+from tests.sgp.test_cli_report import report_of
 
 
 @pytest.fixture(scope="module")

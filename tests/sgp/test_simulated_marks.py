@@ -10,6 +10,7 @@ import sgp.commands.run as sgp_run
 from acquisition import Session, read_image, read_source, write_lights
 from acquisition.session import CameraRecord, Manifest, RigRecord
 from sgp.pictures import source_title
+from tests.cases import cases
 from tests.quick_sample import quick
 from tests.sgp.conftest import ring_lights
 
@@ -28,24 +29,21 @@ def manifest(camera=(), rig=(), **others):
     )
 
 
-@pytest.mark.parametrize(
+@cases(
     ("one", "simulated"),
-    [
-        pytest.param(manifest(), False, id="bench"),
-        pytest.param(manifest(rig=None), False, id="imported"),
-        pytest.param(manifest(camera={"vendor": "sgp"}), False, id="a camera of our own"),
-        pytest.param(manifest(rig={"driver": "simulated"}), True, id="driver"),
-        pytest.param(manifest(rig={"board": "sgp-virtual-board"}), True, id="board"),
-        pytest.param(
-            manifest({"vendor": "sgp", "model": "virtual camera"}), True, id="camera through GenTL"
-        ),
-        pytest.param(
+    {
+        "bench": (manifest(), False),
+        "imported": (manifest(rig=None), False),
+        "a camera of our own": (manifest(camera={"vendor": "sgp"}), False),
+        "driver": (manifest(rig={"driver": "simulated"}), True),
+        "board": (manifest(rig={"board": "sgp-virtual-board"}), True),
+        "camera through GenTL": (manifest({"vendor": "sgp", "model": "virtual camera"}), True),
+        "imported from an export": (
             manifest({"vendor": "sgp", "model": "virtual camera in Python (no compiler)"}, None),
             True,
-            id="imported from an export",
         ),
-        pytest.param(manifest(rig=None, origin="simulated"), True, id="imported, by its origin"),
-    ],
+        "imported, by its origin": (manifest(rig=None, origin="simulated"), True),
+    },
 )
 def test_the_devices_show_whether_a_recording_is_simulated(one, simulated):
     assert one.simulated is simulated
