@@ -58,10 +58,11 @@ def some_steps(
     """
     found = []
     for weights, steps, offset in ((right, step_right, 1), (down, step_down, right.shape[1])):
-        edges = np.flatnonzero(weights)
-        here = edges[:: every or max(1, -(-len(edges) // _EDGES))]
-        here = here[here + offset < right.size]
-        found.append((here, here + offset, steps.ravel()[here]))
+        step = every or max(1, -(-np.count_nonzero(weights) // _EDGES))
+        # A copy: a view would keep all edges in memory.
+        here = np.flatnonzero(weights)[::step].copy()
+        inside = here + offset < right.size
+        found.append((here[inside], (here + offset)[inside], steps.ravel()[here[inside]]))
     return SomeSteps(*(np.concatenate(each) for each in zip(*found, strict=True)))
 
 

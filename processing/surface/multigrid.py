@@ -206,13 +206,12 @@ def coarsened(right: Float32, down: Float32, anchors: Float32 | None = None) -> 
     while True:
         inner = (right.shape[0] - 2) * (right.shape[1] - 2)
         last = inner <= _COARSEST_PIXELS
-        diagonal = diagonal_of(right, down, anchors)
         levels.append(
             _Level(
                 right,
                 down,
                 anchors,
-                np.divide(1, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0),
+                _inverse(diagonal_of(right, down, anchors)),
                 np.zeros_like(right),
                 np.zeros_like(right),
                 _SERIAL if inner < _SERIAL_PIXELS else _PARALLEL,
@@ -281,6 +280,11 @@ def _pseudo_inverse(right: Float32, down: Float32, anchors: Float32 | None) -> F
     # Pixels without edges remain exactly 0.
     inverse[diagonal == 0] = 0
     return np.asarray(inverse, np.float32)
+
+
+def _inverse(diagonal: Float32) -> Float32:
+    inverse: Float32 = np.divide(1, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0)
+    return inverse
 
 
 def diagonal_of(right: Float32, down: Float32, anchors: Float32 | None) -> Float32:
