@@ -235,6 +235,7 @@ class _Run:
             merged.outputs.update({f"{name}.{key}": path for key, path in result.outputs.items()})
             merged.warnings += result.warnings
             merged.summary += [f"{name:<8} {line}" for line in result.summary]
+        self.inputs = None  # the pictures that follow need the memory
         figures = {name: result.metrics for name, result in self.results.items()}
         panels = [*self.panels, *self.errors]
         return Outcome(panels, cast("StagesMetrics", figures), merged, self._crop())
