@@ -71,7 +71,9 @@ def test_the_first_run_after_installation_equals_the_second(tmp_path: Path) -> N
     for name in ("first", "second"):
         run(f"run coin --lights coin/derived/truth/lights.json --out {name}")
         run(f"detail synthesize {name}/normals --size 64x64 --out {name}/sheet")
-        run(f"detail transfer {name}/sheet {name}/normals --out {name}/turned --refine 1")
+        run(
+            f"detail transfer {name}/sheet/detail.exr {name}/normals --out {name}/turned --refine 1"
+        )
     for path in sorted(tmp_path.glob("first/**/*.*")):
         if path.suffix in (".exr", ".png", ".ply"):
             other = tmp_path / "second" / path.relative_to(tmp_path / "first")
