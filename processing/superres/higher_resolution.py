@@ -63,7 +63,7 @@ class SuperResolutionStage:
         Whether the mean of turned copies is used.
     sampling
         What the normals of the map are.
-    model, network
+    model
         The network; None for bicubic interpolation.
     max_pixels
         Largest number of pixels of the result.
@@ -77,7 +77,6 @@ class SuperResolutionStage:
     self_ensemble: bool
     sampling: PixelSampling
     model: SuperResolutionModel | None = field(repr=False)
-    network: Network | None = field(repr=False)
     max_pixels: int = field(default=MAX_PIXELS, repr=False)
     wanted: Bool | None = field(default=None, repr=False)
 
@@ -93,7 +92,7 @@ class SuperResolutionStage:
         mask: Bool | None = None,
         max_pixels: int = MAX_PIXELS,
     ) -> SuperResolutionStage:
-        """Load the network; parameters and errors are those of `super_resolve`.
+        """Read and try the network; parameters and errors are those of `super_resolve`.
 
         Examples
         --------
@@ -106,14 +105,15 @@ class SuperResolutionStage:
         if method == "bicubic":
             if model is not None or self_ensemble:
                 raise DataError("bicubic interpolation uses no network: leave out the network")
-            return cls(scale, False, "area", None, None, max_pixels, mask)
+            return cls(scale, False, "area", None, max_pixels, mask)
         if isinstance(model, SuperResolutionModel):
             model.check(scale, method)
             used = model
         else:
             used = read_superres_model(model, scale, method)
         turned = scale == _ENSEMBLE_SCALE if self_ensemble is None else self_ensemble
-        return cls(scale, turned, sampling, used, Network(used), max_pixels, mask)
+        Network(used)  # it is loaded again by the steps, and not kept longer than they are
+        return cls(scale, turned, sampling, used, max_pixels, mask)
 
     @property
     def method(self) -> SuperResolutionMethod:
@@ -183,14 +183,17 @@ class SuperResolutionStage:
         """Return the one step, over the rows of the given map; bands are rows of tiles."""
         (low,) = inputs
         bands = spans(len(low.mask), self.side, self.halo)
+        network = None if self.model is None else Network(self.model, tried=True)
 
         def enlarged(rows: slice) -> Iterator[float]:
             for band in bands[rows.start // self.side : -(-rows.stop // self.side)]:
-                yield from self._enlarge(maps, low, band)
+                yield from self._enlarge(maps, low, band, network)
 
         return [Step("enlarge", len(low.mask), enlarged, self.side)]
 
-    def _enlarge(self, maps: Maps, given: NormalRows, band: Span) -> Iterator[float]:
+    def _enlarge(
+        self, maps: Maps, given: NormalRows, band: Span, network: Network | None
+    ) -> Iterator[float]:
         """Fill the maps for a band; yield the share that is done after each tile."""
         scale, mask = self.scale, given.mask
         rows = enlarged_rows(band.core, scale)
@@ -214,7 +217,7 @@ class SuperResolutionStage:
                 part = enlarged_rows(columns.core, scale)
                 wanted = None if self.wanted is None else self.wanted[rows, part]
                 for name, values in enlarge(
-                    low, inner, columns, scale, wanted, self.network, domain, self.self_ensemble
+                    low, inner, columns, scale, wanted, network, domain, self.self_ensemble
                 ).items():
                     made[name][:, part] = values
                 yield number / len(work)
