@@ -15,10 +15,10 @@ PACKAGES = ("rig", "acquisition", "calibration", "processing", "simulator", "sgp
 # At most, for each package: code lines (without docstrings, comments and blanks), names at the
 # top, modules.
 BUDGET = {
-    "rig": (3692, 44, 58),
+    "rig": (3699, 44, 58),
     "acquisition": (14226, 60, 143),
     "calibration": (10115, 30, 85),
-    "processing": (18709, 61, 175),
+    "processing": (18712, 61, 175),
     "simulator": (7315, 28, 65),
     "sgp": (13899, 0, 139),
 }
