@@ -1,0 +1,133 @@
+"""What is probably wrong with a recording, what it does to the result, and one verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from rig import Notice
+
+Answer = Literal["good", "check", "do-not-use"]
+
+# Changes of normals that matter and that forbid a use, in degrees, and multiples of the stated
+# standard deviation that they must exceed, too.
+_MATTERS_DEG, _MATTERS_SIGMAS = 1.0, 1.0
+_FORBIDS_DEG, _FORBIDS_SIGMAS = 5.0, 3.0
+
+
+@dataclass(frozen=True)
+class Cause:
+    """Something that is probably wrong with a recording.
+
+    Parameters
+    ----------
+    name
+        Its name, which is also the code of its notice: ``ambient-light``.
+    text
+        What is wrong, with its size: "room light reaches 15 +- 0.6 % of the albedo".
+    size, unit, sigma
+        How much, in which unit, and the standard deviation; NaN if the cause has no size.
+    normals_deg
+        How much it changes the normals: root mean square over the object, in degrees.
+    height_mm
+        How much it changes the heights, likewise in mm; NaN if it is not known.
+    remedy
+        What to do about it: "repeat in the dark, or give --ambient estimate".
+    inverts
+        Whether it inverts the relief.
+    alternatives
+        Names of other causes that explain the images nearly as well.
+    where
+        The images that it is about; empty for all.
+    """
+
+    name: str
+    text: str
+    size: float
+    unit: str
+    sigma: float
+    normals_deg: float
+    height_mm: float
+    remedy: str
+    inverts: bool = False
+    alternatives: tuple[str, ...] = ()
+    where: str = ""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether the results of a recording can be used.
+
+    Parameters
+    ----------
+    causes
+        What is probably wrong, the most harmful first.
+    sigma_deg
+        Stated standard deviation of the normals: the median, in degrees.
+    residual
+        Share of the signal that neither the result nor the causes explain.
+    noise
+        The same share by noise alone.
+    unexplained_deg
+        How much the residual may change the normals, in degrees.
+    tried
+        Names of the causes that were tried.
+    not_excluded
+        Names of the causes that these images cannot show.
+    least
+        Smallest sizes that would have been seen, by the name of the cause, with units.
+    """
+
+    causes: tuple[Cause, ...]
+    sigma_deg: float
+    residual: float
+    noise: float
+    unexplained_deg: float = 0.0
+    tried: tuple[str, ...] = ()
+    not_excluded: tuple[str, ...] = ()
+    least: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def answer(self) -> Answer:
+        """``good``, ``check``, or ``do-not-use``.
+
+        Examples
+        --------
+        >>> from processing.checks import Verdict
+        >>> Verdict((), sigma_deg=0.3, residual=0.02, noise=0.02).answer
+        'good'
+        >>> Verdict((), sigma_deg=0.3, residual=0.2, noise=0.02, unexplained_deg=2).answer
+        'check'
+        """
+        effects = [cause.normals_deg for cause in self.causes]
+        worst = max(effects, default=0.0)
+        forbidden = worst > max(_FORBIDS_DEG, _FORBIDS_SIGMAS * self.sigma_deg)
+        if forbidden or any(cause.inverts for cause in self.causes):
+            return "do-not-use"
+        matters = max(_MATTERS_DEG, _MATTERS_SIGMAS * self.sigma_deg)
+        return "check" if max(worst, self.unexplained_deg) > matters else "good"
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """The causes and an unexplained residual, for people."""
+        matters = max(_MATTERS_DEG, _MATTERS_SIGMAS * self.sigma_deg)
+        found = [_notice(cause, matters) for cause in self.causes]
+        if self.unexplained_deg > matters:
+            times = self.residual / self.noise
+            text = (
+                f"a residual of {self.residual:.1%} of the signal, {times:.1f} times the noise, is "
+                f"not explained: no cause found among {', '.join(self.tried)}"
+            )
+            found.append(Notice("residual-unexplained", text))
+        return tuple(found)
+
+
+def _notice(cause: Cause, matters: float) -> Notice:
+    harmful = cause.inverts or cause.normals_deg > matters
+    effect = f"normals change by {cause.normals_deg:.2g} deg"
+    if cause.height_mm == cause.height_mm:
+        effect += f", heights by {cause.height_mm:.2g} mm"
+    besides = f" (or {' or '.join(cause.alternatives)})" if cause.alternatives else ""
+    text = f"{cause.text}{besides}: {effect}; {cause.remedy}"
+    return Notice(cause.name, text, cause.where, "warning" if harmful else "info")
