@@ -88,6 +88,11 @@ class Perspective:
         points += self.camera.centre_mm
         return points
 
+    def rise(self, points: Float64) -> Float64:
+        """Return the change ``(P, 3)`` of points ``(P, 3)`` that rise by 1 mm in their pixels."""
+        toward = self.camera.centre_mm - points
+        return np.asarray(toward / toward[:, 2:], np.float64)
+
     def downscaled(self, factor: int) -> Perspective:
         """Return the view of an image whose pixels are blocks of these."""
         return replace(self, camera=self.camera.downscaled(factor))
@@ -145,6 +150,10 @@ class Parallel:
         points = np.stack([x * self.pixel_mm, y * self.pixel_mm, np.zeros(x.shape)], axis=-1)
         points[..., 2] -= np.asarray(depth_mm)
         return points
+
+    def rise(self, points: Float64) -> Float64:
+        """Return the change ``(P, 3)`` of points ``(P, 3)`` that rise by 1 mm in their pixels."""
+        return np.broadcast_to([0.0, 0.0, 1.0], points.shape)
 
     def downscaled(self, factor: int) -> Parallel:
         """Return the view of an image whose pixels are blocks of these."""

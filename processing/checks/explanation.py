@@ -1,0 +1,314 @@
+"""Causes compete to explain what normals and albedo leave of the images."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+
+import numpy as np
+
+from acquisition import Lights
+from processing.checks.arrangement import Arrangement, better_arrangement, swapped
+from processing.checks.block_model import (
+    BlockModel,
+    block_samples,
+    fit_blocks,
+    light_vectors,
+    solved,
+)
+from processing.checks.causes import KINDS, Hypothesis, hypotheses_of, nuisances_of
+from processing.checks.derivatives import Columns, columns_of, slopes_of
+from processing.checks.evidence import Fitted, NormalEquations
+from processing.checks.verdict import Cause
+from processing.images.block_means import Cells
+from processing.images.viewing_rays import View
+from processing.maps.normal_map import NormalMap
+from processing.surface.integration import integrate
+from rig import pluralize
+from rig.arrays import Float64
+
+# Blocks whose samples are explained.
+_BLOCKS = 1500
+_FEWEST_BLOCKS, _FEWEST_LIGHTS = 100, 5
+# A cause is found if its logarithmic evidence and the share of the residual that it foresees are
+# larger.
+_EVIDENCE, _FORESEEN = 30.0, 0.03
+# Causes with this share of the evidence of the best one cannot be told from it; a special case with
+# this share is named instead of the general one.
+_TIED, _SPECIAL = 0.9, 0.8
+_MOST_CAUSES = 3
+# An effect on normals that matters, in degrees.
+_MATTERS_DEG = 1.0
+# Parameters of single images are named if they exceed the typical one so many times.
+_OUTSTANDING = 4.0
+_LISTED = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """What explains the images.
+
+    Parameters
+    ----------
+    causes
+        What is probably wrong, by evidence.
+    residual
+        Share of the signal that normals and albedo leave.
+    unexplained
+        Share of the squared residual that neither causes nor reflectance explain, 0..1.
+    tried
+        Names of the causes.
+    not_excluded
+        Those that would turn normals by more than 1 degree before these images show them.
+    least
+        Smallest sizes that would be found.
+    """
+
+    causes: tuple[Cause, ...] = ()
+    residual: float = float("nan")
+    unexplained: float = 1.0
+    tried: tuple[str, ...] = ()
+    not_excluded: tuple[str, ...] = ()
+    least: dict[str, str] | None = None
+
+
+def explain(
+    cells: Cells, lights: Lights, strengths: Float64, view: View | None, pixel_mm: float | None
+) -> Explanation:
+    """Find what is probably wrong with a recording.
+
+    Normals and albedo of each block are eliminated from linear least squares in the parameters of
+    all causes; height and reflectance are nuisances of each. The cause with the largest evidence is
+    taken, then the next one together with it.
+
+    Parameters
+    ----------
+    cells
+        Means of the N images, divided by the strengths of the lights.
+    lights
+        The N lights.
+    strengths
+        ``(N,)`` recorded signal of each image relative to these means.
+    view
+        How pixels see the surface under near lights, else None.
+    pixel_mm
+        Size of a pixel on the object; None if it is not known.
+    """
+    samples, places = block_samples(cells)
+    shape = cells.mask.shape
+    if len(places) < _FEWEST_BLOCKS or len(lights) < _FEWEST_LIGHTS:
+        return Explanation()
+    points = _points(cells, places, pixel_mm)
+    model = fit_blocks(samples, light_vectors(lights, points), points, places, shape)
+    if np.count_nonzero(model.valid) < _FEWEST_BLOCKS:
+        return Explanation()
+    arranged = _arranged(model, samples, lights)
+    if arranged is not None:
+        return Explanation((arranged,), model.relative_residual, 1.0, ("lights-shuffled",))
+    return _Contest(model, lights, strengths, view, cells.size, pixel_mm).explanation()
+
+
+def _points(cells: Cells, places: np.ndarray, pixel_mm: float | None) -> Float64:
+    if cells.points_mm is not None:
+        return cells.points_mm.reshape(-1, 3)[places]
+    rows, across = np.divmod(places, cells.mask.shape[1])
+    size = cells.size * (pixel_mm or 1.0)
+    flat = [across - across.mean(), rows.mean() - rows, np.zeros(len(rows))]
+    return np.stack(flat, axis=1) * size
+
+
+def _arranged(model: BlockModel, samples: Float64, lights: Lights) -> Cause | None:
+    """Return the cause if images fit their lights much better in another arrangement."""
+    better = better_arrangement(model, samples, lights)
+    if better is not None:
+        changed = fit_blocks(
+            samples, better.vectors, model.points, model.places, model.shape
+        )
+        effect = _angle_deg(model, changed)
+        text = f"the images are {better.text}" if better.turned else f"lights and images are {better.text}"
+        remedy = "turn the images" if better.turned else "check the order of the files"
+        return Cause(
+            better.name, text, float("nan"), "", float("nan"), effect, float("nan"), remedy,
+            inverts=better.inverts,
+        )  # fmt: skip
+    pairs = swapped(model)
+    if not pairs:
+        return None
+    order = np.arange(len(lights))
+    for image, light in pairs:
+        order[image] = light
+    changed = fit_blocks(
+        samples, model.vectors[:, order], model.points, model.places, model.shape
+    )
+    names = ", ".join(f"{lights.ids[i]} shows the light of {lights.ids[j]}" for i, j in pairs[:_LISTED])
+    return Cause(
+        "images-swapped", names, len(pairs), "images", 0.0, _angle_deg(model, changed),
+        float("nan"), "check the order of the files", where=", ".join(lights.ids[i] for i, _ in pairs),
+    )  # fmt: skip
+
+
+def _angle_deg(one: BlockModel, other: BlockModel) -> float:
+    both = one.valid & other.valid
+    sine = np.linalg.norm(np.cross(one.normals[both], other.normals[both]), axis=1)
+    cosine = (one.normals[both] * other.normals[both]).sum(axis=1)
+    return float(np.degrees(np.sqrt(np.mean(np.arctan2(sine, cosine) ** 2))))
+
+
+class _Contest:
+    """The competition of the causes of one recording."""
+
+    def __init__(
+        self,
+        model: BlockModel,
+        lights: Lights,
+        strengths: Float64,
+        view: View | None,
+        size: int,
+        pixel_mm: float | None,
+    ) -> None:
+        self._model, self._lights, self._view = model, lights, view
+        self._size, self._pixel_mm = size, pixel_mm
+        slopes = slopes_of(model)
+        rays = None if view is None else view.rise(model.points)
+        self._columns = columns_of(model, lights, strengths, rays, slopes)
+        inside = model.valid & (model.albedo > 1e-4)
+        for slope in slopes:
+            inside &= np.isfinite(slope).all(axis=1)
+        usable = np.flatnonzero(inside)
+        if len(usable) > _BLOCKS:
+            usable = np.sort(np.random.default_rng(0).choice(usable, _BLOCKS, replace=False))
+        nuisances, widths = nuisances_of(self._columns)
+        self._equations = NormalEquations(model, self._columns, usable, nuisances, widths)
+        self._hypotheses = hypotheses_of(self._columns, lights.unit_directions)
+        flexible = [one for one in self._hypotheses if not one.general]
+        self._design = self._equations.design_effect(
+            np.hstack([nuisances, *(one.basis for one in flexible)]),
+            self._columns.select("ambient", "offset", "curve", "rough"),
+            np.concatenate([widths, *(one.widths for one in flexible)]),
+        )
+
+    def explanation(self) -> Explanation:
+        """Return the causes that are found, and what could not be."""
+        equations, causes = self._equations, []
+        while len(causes) < _MOST_CAUSES:
+            best, others = self._best(equations, {cause.name for cause in causes})
+            if best is None:
+                break
+            causes.append(self._cause(*best, others))
+            equations = equations.with_nuisances(best[0].basis, best[0].widths)
+        tried = tuple(dict.fromkeys(one.name for one in self._hypotheses))
+        hidden, least = self._limits(equations, {cause.name for cause in causes})
+        return Explanation(
+            tuple(causes),
+            self._model.relative_residual,
+            equations.base / self._equations.squares,
+            tried,
+            hidden,
+            least,
+        )
+
+    def _best(
+        self, equations: NormalEquations, known: set[str]
+    ) -> tuple[tuple[Hypothesis, Fitted] | None, tuple[str, ...]]:
+        """Return the best cause besides those that are known, and those that are as good."""
+        rows: dict[str, tuple[Hypothesis, Fitted]] = {}
+        for name, group in groupby(self._hypotheses, key=lambda one: one.name):
+            if name not in known:
+                fits = [(one, equations.fit(one.basis, one.widths, self._design)) for one in group]
+                rows[name] = max(fits, key=lambda pair: pair[1].evidence)
+        enough = {
+            name: row
+            for name, row in rows.items()
+            if row[1].evidence > _EVIDENCE and row[1].foreseen > _FORESEEN
+        }
+        if not enough:
+            return None, ()
+        best = max(enough.values(), key=lambda row: row[1].evidence)
+        special = [
+            row
+            for row in enough.values()
+            if row[0].general == best[0].name and row[1].evidence > _SPECIAL * best[1].evidence
+        ]
+        if special:
+            best = max(special, key=lambda row: row[1].evidence)
+        tied = tuple(
+            name
+            for name, row in enough.items()
+            if row[1].evidence > _TIED * best[1].evidence and name not in (best[0].name, best[0].general)
+        )
+        return best, tied
+
+    def _cause(self, hypothesis: Hypothesis, fitted: Fitted, tied: Sequence[str]) -> Cause:
+        kind = KINDS[hypothesis.name]
+        size, sigma, where = self._size_of(hypothesis, fitted)
+        scale = kind.scale or self._size
+        size, sigma = size * scale, sigma * scale
+        if hypothesis.name == "transfer-curve-doubtful":
+            size += 1
+        unit = f" {kind.unit}".rstrip()
+        text = kind.text.format(size=f"{size:.2g} +- {sigma:.1g}{unit}")
+        if where:
+            text += f": {where}"
+        degrees = self._equations.effect_deg(fitted.alone)
+        return Cause(
+            hypothesis.name,
+            text,
+            float(size),
+            kind.unit,
+            float(sigma),
+            float(np.sqrt(np.mean(degrees**2))),
+            self._height_mm(fitted),
+            kind.remedy,
+            alternatives=tuple(tied),
+            where=where,
+        )
+
+    def _size_of(self, hypothesis: Hypothesis, fitted: Fitted) -> tuple[float, float, str]:
+        """Return size and standard deviation in units of the columns, and images that stand out."""
+        if hypothesis.general or hypothesis.name not in ("light-brightness", "image-shifted"):
+            if hypothesis.name in ("ambient-light", "lights-near"):
+                return float(fitted.size[0]), float(fitted.sigma[0]), ""
+            size = float(np.linalg.norm(fitted.size)) if len(fitted.size) > 1 else fitted.size[0]
+            return float(size), float(np.median(fitted.sigma)), ""
+        each = fitted.size.reshape(-1, len(self._lights))
+        each = each - np.median(each, axis=1, keepdims=True)
+        size = np.linalg.norm(each, axis=0)
+        limit = _OUTSTANDING * float(np.median(size))
+        out = [int(i) for i in np.argsort(-size) if size[i] > limit]
+        sigma = float(np.median(fitted.sigma))
+        if not out or len(out) > len(size) // 4:
+            return float(np.sqrt(np.mean(size**2))), sigma, ""
+        names = ", ".join(self._lights.ids[i] for i in out[:_LISTED])
+        more = f" and {pluralize(len(out) - _LISTED, 'other')}" if len(out) > _LISTED else ""
+        return float(size[out].max()), sigma, names + more
+
+    def _height_mm(self, fitted: Fitted) -> float:
+        """Return the root mean square change of the heights, NaN without a scale."""
+        if self._pixel_mm is None and self._view is None:
+            return float("nan")
+        return float("nan")
+
+    def _limits(
+        self, equations: NormalEquations, found: set[str]
+    ) -> tuple[tuple[str, ...], dict[str, str]]:
+        """Return the causes that could be hidden, and the least sizes that would be found."""
+        hidden, least = [], {}
+        for name, group in groupby(self._hypotheses, key=lambda one: one.name):
+            hypothesis = next(iter(group))
+            if name in found:
+                continue
+            worst = 0.0
+            for i in range(hypothesis.basis.shape[1]):
+                column, width = hypothesis.basis[:, i : i + 1], hypothesis.widths[i : i + 1]
+                size = equations.least_size(column, width, self._design, _EVIDENCE, _FORESEEN)
+                capped = min(size, 2 * float(width[0]))
+                degrees = equations.effect_deg(column[:, 0] * capped)
+                worst = max(worst, float(np.sqrt(np.mean(degrees**2))))
+                if i == 0:
+                    kind = KINDS[name]
+                    number = size * (kind.scale or self._size)
+                    least[name] = f"{number:.2g} {kind.unit}".rstrip()
+            if worst > _MATTERS_DEG:
+                hidden.append(name)
+        return tuple(hidden), least
