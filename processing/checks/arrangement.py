@@ -123,7 +123,9 @@ def swapped(model: BlockModel) -> list[tuple[int, int]]:
     """Return images that show the light of another image much better, and that light."""
     inside = model.valid
     albedo = model.albedo[inside][:, None]
-    seen = model.samples[inside] / albedo
+    # A sample that does not count, such as a saturated one, fits its own light.
+    seen = np.where(model.weights > 0, model.samples, np.maximum(model.predicted, 0))[inside]
+    seen /= albedo
     expected = np.maximum((model.vectors[inside] @ model.normals[inside][..., None])[..., 0], 0)
     seen = seen - seen.mean(axis=1, keepdims=True)
     expected = expected - expected.mean(axis=1, keepdims=True)

@@ -106,8 +106,8 @@ def columns_of(
         put("curve", positive * np.log(positive * strengths) * lit)
         for name, change in moved.items():
             put(name, _times(change(blocks) - vectors, scaled) * ~attached / _STEP)
-        for name, values in _reflectance(vectors, normals, predicted).items():
-            put(name, values * lit)
+        for name, values in reflectance_of(model, blocks).items():
+            put(name, values)
         k = np.arange(count)
         start = column["gain 0"]
         found[:, k, start + k] = predicted * lit
@@ -174,8 +174,12 @@ def _moved_lights(
     return found | {"near": nearer, "near height": higher}
 
 
-def _reflectance(vectors: Float64, normals: Float64, predicted: Float64) -> dict[str, Float64]:
-    """Return the light of surfaces that are not matte, for a camera above."""
+def reflectance_of(model: BlockModel, blocks: Intp) -> dict[str, Float64]:
+    """Return the light ``(B, N)`` of surfaces that are not matte, for a camera above."""
+    vectors, normals, predicted = (
+        each[blocks] for each in (model.vectors, model.normals, model.predicted)
+    )
+    lit = (predicted > 0) & ~model.attached[blocks]
     size = np.maximum(np.linalg.norm(vectors, axis=2), 1e-9)
     unit = vectors / size[..., None]
     half = unit + _UP
@@ -184,11 +188,12 @@ def _reflectance(vectors: Float64, normals: Float64, predicted: Float64) -> dict
     cosine = np.clip((unit * normals[:, None]).sum(axis=2), 1e-3, 1)
     view = np.clip(normals[:, 2:], 1e-3, 1)
     azimuth = unit[..., 2] - cosine * view
-    found = {f"lobe {n}": size * facing**n for n in LOBES}
+    found = {f"lobe {n}": size * facing**n * lit for n in LOBES}
+    matte = predicted * lit
     return found | {
         # Oren and Nayar (1994), first order.
-        "rough": predicted * np.maximum(azimuth, 0) / np.maximum(cosine, view),
-        "slope": predicted * cosine,
-        "grazing": predicted * (1 - cosine) ** 5,
-        "retro": predicted * (1 - np.clip(half[..., 2], 0, 1)),
+        "rough": matte * np.maximum(azimuth, 0) / np.maximum(cosine, view),
+        "slope": matte * cosine,
+        "grazing": matte * (1 - cosine) ** 5,
+        "retro": matte * (1 - np.clip(half[..., 2], 0, 1)),
     }

@@ -137,6 +137,11 @@ class NormalEquations:
         """Squared residual of normals and albedo alone."""
         return self._sums[2]
 
+    def nuisance_sizes(self) -> Float64:
+        """Return ``(m,)`` the nuisances alone."""
+        variance = self.squares / self.samples
+        return self._solved(self.nuisances, self._widths, None, variance)[0]
+
     @cached_property
     def base(self) -> float:
         """Squared residual with the nuisances alone."""

@@ -18,7 +18,7 @@ from processing.checks.block_model import (
     solved,
 )
 from processing.checks.causes import KINDS, Hypothesis, hypotheses_of, nuisances_of
-from processing.checks.derivatives import Columns, columns_of, slopes_of
+from processing.checks.derivatives import REFLECTANCE, columns_of, reflectance_of, slopes_of
 from processing.checks.evidence import Fitted, NormalEquations
 from processing.checks.verdict import Cause
 from processing.images.block_means import Cells
@@ -38,11 +38,18 @@ _EVIDENCE, _FORESEEN = 30.0, 0.03
 # this share is named instead of the general one.
 _TIED, _SPECIAL = 0.9, 0.8
 _MOST_CAUSES = 3
+_CURVE = "transfer-curve-doubtful"
 # An effect on normals that matters, in degrees.
 _MATTERS_DEG = 1.0
 # Parameters of single images are named if they exceed the typical one so many times.
 _OUTSTANDING = 4.0
 _LISTED = 6
+
+
+def _possible(row: tuple[Hypothesis, Fitted]) -> bool:
+    """Return whether a size can exist: no room light is darker than none."""
+    hypothesis, fitted = row
+    return hypothesis.name != "ambient-light" or fitted.size[0] > 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +113,11 @@ def explain(
     arranged = _arranged(model, samples, lights)
     if arranged is not None:
         return Explanation((arranged,), model.relative_residual, 1.0, ("lights-shuffled",))
-    return _Contest(model, lights, strengths, view, cells.size, pixel_mm).explanation()
+    contest = _Contest(model, lights, strengths, view, cells.size, pixel_mm)
+    matte = samples - contest.reflected()
+    model = fit_blocks(matte, model.vectors, points, places, shape)
+    contest = _Contest(model, lights, strengths, view, cells.size, pixel_mm)
+    return contest.explanation()
 
 
 def _points(cells: Cells, places: np.ndarray, pixel_mm: float | None) -> Float64:
@@ -188,6 +199,15 @@ class _Contest:
             np.concatenate([widths, *(one.widths for one in flexible)]),
         )
 
+    def reflected(self) -> Float64:
+        """Return the light ``(P, N)`` that the nuisances explain by gloss and roughness."""
+        sizes = dict(zip(REFLECTANCE, self._equations.nuisance_sizes()[-len(REFLECTANCE):]))
+        parts = []
+        for blocks in np.array_split(np.arange(len(self._model.places)), 16):
+            columns = reflectance_of(self._model, blocks)
+            parts.append(sum(sizes[name] * values for name, values in columns.items()))
+        return np.concatenate(parts)
+
     def explanation(self) -> Explanation:
         """Return the causes that are found, and what could not be."""
         equations, causes = self._equations, []
@@ -196,6 +216,8 @@ class _Contest:
             if best is None:
                 break
             causes.append(self._cause(*best, others))
+            if best[0].name == _CURVE:
+                break  # sizes of others are those of a wrong curve
             equations = equations.with_nuisances(best[0].basis, best[0].widths)
         tried = tuple(dict.fromkeys(one.name for one in self._hypotheses))
         hidden, least = self._limits(equations, {cause.name for cause in causes})
@@ -220,7 +242,7 @@ class _Contest:
         enough = {
             name: row
             for name, row in rows.items()
-            if row[1].evidence > _EVIDENCE and row[1].foreseen > _FORESEEN
+            if row[1].evidence > _EVIDENCE and row[1].foreseen > _FORESEEN and _possible(row)
         }
         if not enough:
             return None, ()
@@ -244,7 +266,7 @@ class _Contest:
         size, sigma, where = self._size_of(hypothesis, fitted)
         scale = kind.scale or self._size
         size, sigma = size * scale, sigma * scale
-        if hypothesis.name == "transfer-curve-doubtful":
+        if hypothesis.name == _CURVE:
             size += 1
         unit = f" {kind.unit}".rstrip()
         text = kind.text.format(size=f"{size:.2g} +- {sigma:.1g}{unit}")
