@@ -10,12 +10,13 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
 import cv2
 import numpy as np
-from true_to_input.case import Outcome, cases, later
+from true_to_input.case import Outcome, cases, emptied, later
 
 _PACKAGES = ("acquisition", "calibration", "processing", "rig", "sgp", "simulator")
 _NOWHERE = "/proc/nonexistent"
@@ -180,13 +181,20 @@ def _full(folder: Path) -> Outcome:
     return _judged(ran, stated=("every run",))
 
 
+@cache
+def _compiled(folder: Path) -> _Installation:
+    """Return an installation with kernels; a case that damages them ends with new ones."""
+    place = _Installation(emptied(folder / "compiled"))
+    place.run()
+    return place
+
+
 @later
 def _corrupted(folder: Path, kind: str) -> Outcome:
-    place = _Installation(folder)
-    first = place.run()
-    if not first.ok:
-        return _judged(first)
+    place = _compiled(folder.parent)
     files = [path for path in place.kernels(place.packages) if path.suffix == kind[:4]]
+    if not files:
+        return Outcome("wrong", "no kernels are kept")
     for number, path in enumerate(files):
         data = path.read_bytes()
         middle = len(data) // 2
@@ -198,9 +206,9 @@ def _corrupted(folder: Path, kind: str) -> Outcome:
             + data[middle + 64 :],
         }[kind[5:]]  # fmt: skip
         path.write_bytes(changed)
-    again = place.run()
-    if not again.ok:
-        return _judged(again)
+    again = _judged(place.run(), stated=("compil",))
+    if again.kind != "applied and stated":
+        return again
     return _judged(place.run(), silent=("compil",))
 
 
