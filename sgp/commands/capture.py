@@ -16,7 +16,7 @@ from cyclopts import Parameter
 
 import acquisition
 import rig as rigs
-from sgp.cli.console import note, with_progress
+from sgp.cli.console import note, report, with_progress
 from sgp.cli.options import Input, OptionalInput, OptionalLights, RigOption
 from sgp.commands.capture_plan import chosen_plan
 from sgp.results import Result, check_folder
@@ -134,7 +134,7 @@ def run(
             accept(flight, prepared)
         prepared.warnings += acquisition.engine.camera_notices(opened, out)
         for warning in prepared.warnings:
-            note(f"note: {warning}")
+            report(warning)
         with CaptureTalk(ResumeCommand(out, rig_name, skip_check)) as talk:
             session = acquisition.record(
                 opened,
@@ -209,7 +209,7 @@ def resume(
         if dry_run:
             return rehearsed(opened, recorded, missing)
         if begun.lost_lines:
-            note(f"note: {begun.lost_lines}")
+            report(begun.lost_lines)
         prepared = Preparation()
         if not skip_check:
             alive, _ = recorded.without(opened.config.dead_leds)
