@@ -15,6 +15,8 @@ Answer = Literal["good", "check", "do-not-use"]
 # standard deviation that they must exceed, too.
 _MATTERS_DEG, _MATTERS_SIGMAS = 1.0, 1.0
 _FORBIDS_DEG, _FORBIDS_SIGMAS = 5.0, 3.0
+# Error of a pixel without a normal.
+MISSING_DEG = 90.0
 # Larger standard deviations count as this one: residuals by a mistake make them large, too.
 _LARGEST_SIGMA_DEG = 5.0
 
@@ -33,7 +35,7 @@ class Cause:
         How much, in which unit, and the standard deviation; NaN if the cause has no size.
     normals_deg
         How much it changes the normals: root mean square over the object, in degrees. NaN if it
-        is not known; infinity if there are none.
+        is not known; 90 if it leaves none, as a pixel without a normal counts elsewhere.
     height_mm
         How much it changes the heights, likewise in mm; NaN if it is not known.
     remedy
@@ -62,7 +64,9 @@ class Cause:
     def effect(self) -> str:
         """What it does to the result, in words; empty if that is not known."""
         effects = []
-        if math.isfinite(self.normals_deg):
+        if self.normals_deg == MISSING_DEG:
+            effects.append("too few images for normals")
+        elif math.isfinite(self.normals_deg):
             effects.append(f"normals change by {self.normals_deg:.2g} deg")
         if math.isfinite(self.height_mm):
             effects.append(f"heights change by {self.height_mm:.2g} mm")
