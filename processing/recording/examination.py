@@ -13,6 +13,7 @@ import numpy as np
 from acquisition import DataError, Lights, Source
 from calibration import EstimateError, Stack
 from processing.checks.curve_check import curve_warnings
+from processing.checks.judge import Examined, judge
 from processing.checks.quality import ImageQuality, quality_of
 from processing.checks.scheme_check import exclusion
 from processing.checks.strengths import (
@@ -21,6 +22,7 @@ from processing.checks.strengths import (
     of_source,
     with_strengths,
 )
+from processing.checks.verdict import Verdict
 from processing.images.mosaic import blocks_of_sites
 from processing.images.recorded_images import Images, RecordedImages, RowSample
 from processing.images.viewing_rays import SurfacePoints, View, lights_of, view_of
@@ -28,12 +30,14 @@ from processing.maps.mask import mask_of_images
 from processing.near.mean_height_search import HeightWithStrengths
 from processing.near.near_height import Heights, NearHeight, height_limits
 from processing.stereo.method import Method
-from rig import Notice, Progress
+from rig import Notice, Progress, Severity
 from rig.arrays import Bool, Float32, Intp
 
 # A computed mask beyond these probably contains background.
 _LARGEST_SHARE = 0.8
 _MOST_BORDERS = 3
+# A contrast above which a computed mask is hardly wrong; `object_mask` requires 3.
+_CLEAR = 10.0
 # An image shows no light if its brightest parts are below this fraction of those of the others.
 _BLACK = 0.02
 _THREADS = 2
@@ -44,6 +48,8 @@ _ROUNDS, _STATED_ROUNDS = 5, 2
 _SETTLED_MM = 0.5
 # A larger one in the last round is refused.
 _UNSETTLED_MM = 5.0
+# Notices about the height that say that images and lights contradict each other.
+_CAUSES = ("height-contradicted", "height-doubtful")
 # Relative error of strengths by that of a height that is found with them: on simulated objects it
 # is .05 to 1.2 %, and ten times what residuals show.
 _BY_HEIGHT = 0.01
@@ -143,7 +149,9 @@ def _object_of(
         "the images have no mask: one was computed; the object is "
         f"{computed.contrast:.0f} times as bright as the background"
     )
-    return computed.mask, [Notice("mask-estimated", text), *_mask_warning(computed.mask)]
+    doubt: Severity = "info" if computed.contrast > _CLEAR else "warning"
+    notice = Notice("mask-estimated", text, severity=doubt)
+    return computed.mask, [notice, *_mask_warning(computed.mask)]
 
 
 def _mask_warning(mask: Bool) -> list[Notice]:
@@ -197,6 +205,7 @@ class Examination:
         self.strengths: LightStrengths | None = None
         self.excluded: tuple[str, ...] = ()
         self.warnings: list[Notice] = []
+        self._doubts: list[Notice] = []
         self.mask = mask
         self._heights = heights
         self.view = heights.view
@@ -213,7 +222,7 @@ class Examination:
         strengths = self._divided() if semi_calibrated else None
         # Before the height, which a wrong curve would bend.
         sample = self.sample()
-        self.warnings += curve_warnings(
+        self._doubts += curve_warnings(
             self.source, sample.values, self.lights, sample.mask, sample.of(self.points)
         )
         del sample
@@ -240,10 +249,16 @@ class Examination:
                 self._take(kept)
                 self._find_height()
                 quality = self._quality()
-        if self.near is not None:
-            self.warnings += self.near.warnings
-        self.warnings += quality.warnings
+        for notice in () if self.near is None else self.near.warnings:
+            (self._doubts if notice.code in _CAUSES else self.warnings).append(notice)
         return quality
+
+    def verdict(self, quality: ImageQuality, sigma_deg: float) -> Verdict:
+        """Return what is probably wrong; ``sigma_deg`` is stated of the normals, the median."""
+        examined = Examined(
+            self.images, self.lights, self.mask, self.points, self.view, self.source
+        )
+        return judge(examined, quality, self._doubts, sigma_deg)
 
     def sample(self) -> RowSample:
         """Return some rows of the images."""

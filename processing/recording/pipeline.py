@@ -209,6 +209,9 @@ class NormalsStage:
                 )
             shown = self._solve(examined, maps, files, colours, on_progress)
             valid, notices = _valid_pixels(maps, examined)
+            made = finished_maps(maps, valid, ErrorBarMaps(maps).common_variance(), shown.origin)
+            check_facing(source, _sum_of_z(made["normals"], valid))
+            verdict = examined.verdict(quality, _median(made["normal_sigma_deg"]))
             warnings = (
                 *source.warnings,
                 *setup_notices(source),
@@ -217,9 +220,8 @@ class NormalsStage:
                 *examined.warnings,
                 *notices,
                 *validity_notices(maps["reason"][:], mask, shown.origin, shown.correlation),
+                *verdict.notices,
             )
-            made = finished_maps(maps, valid, ErrorBarMaps(maps).common_variance(), shown.origin)
-            check_facing(source, _sum_of_z(made["normals"], valid))
             source, lights, near = examined.source, examined.lights, examined.near
             points, used = examined.points, examined.images.ids
             strengths, excluded = examined.strengths, examined.excluded
@@ -242,6 +244,7 @@ class NormalsStage:
             noise=shown.origin,
             neighbour_correlation=shown.correlation,
             quality=quality,
+            verdict=verdict,
             excluded=excluded,
             strengths=strengths,
             error=_error(source, made["normals"], valid, mask),
@@ -441,6 +444,14 @@ def _valid_pixels(maps: MemoryMaps | BandStore, examined: Examination) -> tuple[
 
 def _sum_of_z(normals: MapRows, valid: Bool) -> float:
     return sum(float(normals[rows][..., 2].sum(dtype=np.float64)) for rows in _bands(valid, 12))
+
+
+def _median(values: MapRows) -> float:
+    """Return the median of the finite values, of which one copy is in memory; NaN without any."""
+    height, width = values.shape
+    parts = (values[rows] for rows in rows_in_bands(height, 4 * width, _READ))
+    finite = np.concatenate([part[np.isfinite(part)] for part in parts])
+    return float(np.median(finite, overwrite_input=True)) if finite.size else math.nan
 
 
 def _error(source: Source, normals: MapRows, valid: Bool, mask: Bool) -> AngularError | None:

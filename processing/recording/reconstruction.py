@@ -12,6 +12,7 @@ from acquisition import Lights, MapRows, Source
 from acquisition.files import BandStore, ComputedRows, MemoryMaps, rows_in_bands
 from processing.checks.quality import ImageQuality
 from processing.checks.strengths import LightStrengths
+from processing.checks.verdict import Verdict
 from processing.maps.metrics import AngularError
 from processing.maps.normal_map import NormalMap
 from processing.near.near_height import NearHeight
@@ -49,6 +50,8 @@ class Reconstruction:
         As in `NormalUncertainty`.
     quality
         Agreement of images, lights and normals.
+    verdict
+        What is probably wrong with the recording, and whether the result can be used.
     excluded
         Names of the images that were left out because they disagree with the others.
     strengths
@@ -75,6 +78,7 @@ class Reconstruction:
     noise: Origin
     neighbour_correlation: float
     quality: ImageQuality
+    verdict: Verdict
     excluded: tuple[str, ...]
     strengths: LightStrengths | None
     error: AngularError | None

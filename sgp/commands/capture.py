@@ -16,7 +16,7 @@ from cyclopts import Parameter
 
 import acquisition
 import rig as rigs
-from sgp.cli.console import note, with_progress
+from sgp.cli.console import note, report, with_progress
 from sgp.cli.options import Input, OptionalInput, OptionalLights, RigOption
 from sgp.commands.capture_plan import chosen_plan
 from sgp.results import Result, check_folder
@@ -30,6 +30,7 @@ from sgp.sessions import (
     can_be_retaken,
     checked_wiring,
     describe,
+    judge_frames,
     left_out_notices,
     metered,
 )
@@ -59,7 +60,7 @@ def run(
 
     Frames are hashed, stored and written to the journal while the next ones are taken. Ctrl-C once:
     finish this shot; twice: stop immediately. Both turn the LEDs off, and `capture resume` takes
-    the missing shots.
+    the missing shots. The last line is a verdict about the frames: good, check, or do not use.
 
     For example:
 
@@ -134,7 +135,7 @@ def run(
             accept(flight, prepared)
         prepared.warnings += acquisition.engine.camera_notices(opened, out)
         for warning in prepared.warnings:
-            note(f"note: {warning}")
+            report(warning)
         with CaptureTalk(ResumeCommand(out, rig_name, skip_check)) as talk:
             session = acquisition.record(
                 opened,
@@ -149,7 +150,7 @@ def run(
                 ),
                 hooks=talk.hooks,
             )
-    return describe(session, prepared.warnings)
+    return judge_frames(describe(session, prepared.warnings), session)
 
 
 def resume(
@@ -201,7 +202,7 @@ def resume(
         _check_plan(begun, asked)
         nothing = "no shot is missing" if damaged is None else "no frame is damaged"
         done = rigs.Notice("already-complete", f"already complete: {nothing}", severity="info")
-        return describe(begun, [*begun.warnings, done])
+        return judge_frames(describe(begun, [*begun.warnings, done]), begun)
     with rigs.open_rig(rig_name) as opened:
         _, recorded, missing = acquisition.engine.check_resume(
             opened, session, asked, damaged=damaged
@@ -209,7 +210,7 @@ def resume(
         if dry_run:
             return rehearsed(opened, recorded, missing)
         if begun.lost_lines:
-            note(f"note: {begun.lost_lines}")
+            report(begun.lost_lines)
         prepared = Preparation()
         if not skip_check:
             alive, _ = recorded.without(opened.config.dead_leds)
@@ -232,9 +233,8 @@ def resume(
             )
     text = f"missing shots that have been taken: {len(missing)}"
     taken = rigs.Notice("shots-taken", text, severity="info")
-    return describe(
-        finished, [*begun.warnings, taken, *left_out_notices(finished), *prepared.warnings]
-    )
+    noticed = [*begun.warnings, taken, *left_out_notices(finished), *prepared.warnings]
+    return judge_frames(describe(finished, noticed), finished)
 
 
 def _measured_sensor(option: Path | None, rig_name: str) -> acquisition.MeasuredSensor | None:

@@ -4,6 +4,7 @@ from .resume_command import can_be_retaken as can_be_retaken
 from .session_sheet import write_session_sheet as write_session_sheet
 from .session_summary import describe as describe
 from .session_summary import left_out_notices as left_out_notices
+from .session_verdict import judge_frames as judge_frames
 from .simulation import Rendered as Rendered
 from .simulation import metered_exposures as metered_exposures
 from .simulation import pixels_in_view as pixels_in_view

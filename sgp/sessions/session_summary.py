@@ -114,13 +114,13 @@ def _frame_table(session: acquisition.Session) -> list[str]:
     if not session.frames:
         return []
     width = max(20, *(len(frame.line.file) for frame in session.frames))
-    dark_dn = _dark_dn(session)
+    unlit_dn = dark_dn(session)
     names = f"{'role':<7} {'exposure':>11} {'99 % DN':>8} {'lit DN':>7} {'clipped':>9}"
     head = f"{'file':<{width}} {names}"
-    return [head, *(_row(frame.line, dark_dn, width) for frame in session.frames)]
+    return [head, *(_row(frame.line, unlit_dn, width) for frame in session.frames)]
 
 
-def _dark_dn(session: acquisition.Session) -> dict[float | None, int]:
+def dark_dn(session: acquisition.Session) -> dict[float | None, int]:
     """Return the 99th percentile of the frames with all LEDs off, by exposure time."""
     unlit = sorted(
         (frame.line for frame in session.frames if frame.role in ("dark", "ambient")),

@@ -17,6 +17,7 @@ from sgp.results import (
     SeparationMetrics,
     add_quality,
     add_uncertainty,
+    good_result,
     provenance,
     quality_lines,
     sigma_lines,
@@ -69,6 +70,7 @@ def write_normals_stage(
             stage.strengths.lights,
             provenance=provenance(command, chosen, files),
         )
+    result.verdict, result.good = stage.verdict, good_result(stage.verdict)
     solved_share = stage.valid.sum() / stage.mask.sum()
     result.summary = [
         *quality_lines(stage.quality),

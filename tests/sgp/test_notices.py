@@ -15,26 +15,33 @@ from rig import Notice
 
 ROOT = Path(__file__).parents[2]
 ROOMS = ("rig", "acquisition", "calibration", "processing", "simulator", "sgp")
+_NOTICED = re.compile(r"Notice\(|Cause\(")
+# Codes of other notices or causes, which have their own place.
+_COPIED = ("cause.name", "notice.code")
 _ROW = re.compile(r"^\| `([^`]+)` \| (.+) \| (.+) \|$", re.MULTILINE)
 
 
 def _codes(tree: ast.Module) -> Iterator[str]:
-    """Yield the codes of the notices of a module: literals, or the values of its `_CODES`."""
+    """Yield the codes of the notices of a module: literals, or the values of its `_CODES`.
+
+    The names of causes are codes, too.
+    """
     table: list[str] = []
     indirect = False
     for node in ast.walk(tree):
         if isinstance(node, ast.Call):
             called = node.func
             name = called.attr if isinstance(called, ast.Attribute) else getattr(called, "id", "")
-            if name != "Notice":
+            if name not in ("Notice", "Cause"):
                 continue
-            given = next((word.value for word in node.keywords if word.arg == "code"), None)
+            words = ("code", "name")
+            given = next((word.value for word in node.keywords if word.arg in words), None)
             if given is None and not node.args:  # `Notice(**stored)`: read back from a file
                 continue
             code = given if given is not None else node.args[0]
             if isinstance(code, ast.Constant):
                 yield code.value
-            else:
+            elif ast.unparse(code) not in _COPIED:
                 assert ast.unparse(code).startswith("_CODES["), ast.unparse(node)
                 indirect = True
         elif (
@@ -55,7 +62,7 @@ def _used() -> dict[str, set[str]]:
     for room in ROOMS:
         for path in (ROOT / room).rglob("*.py"):
             text = path.read_text(encoding="utf-8")
-            for code in _codes(ast.parse(text)) if "Notice(" in text else ():
+            for code in _codes(ast.parse(text)) if _NOTICED.search(text) else ():
                 used.setdefault(code, set()).add(str(path.relative_to(ROOT)))
     return used
 

@@ -1,0 +1,74 @@
+"""Verdicts on the terminal and in files."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+from typing import Any
+
+import processing
+
+LABELS: dict[str, str] = {"good": "good", "check": "check", "do-not-use": "do not use"}
+# Causes that the last line names.
+_NAMED = 2
+
+
+def verdict_line(verdict: processing.checks.Verdict, good: str) -> str:
+    """Return the line that ends a command: the answer, and the worst causes with their effects.
+
+    ``good`` is what a good verdict says.
+    """
+    if verdict.answer == "good":
+        return f"good: {good}"
+    named = [cause_text(cause) for cause in verdict.harmful[:_NAMED]]
+    if not named:
+        named.append(
+            f"a residual of {verdict.residual:.1%} of the signal, noise has {verdict.noise:.1%}, "
+            f"is not explained (normals may change by {verdict.unexplained_deg:.2g} deg)"
+        )
+    more = len(verdict.harmful) - _NAMED
+    others = [f"{more} more above"] if more > 0 else []
+    return f"{LABELS[verdict.answer]}: {'; '.join([*named, *others])}"
+
+
+def cause_text(cause: processing.checks.Cause) -> str:
+    """Return a cause with its alternatives and its effect."""
+    besides = f", or {' or '.join(cause.alternatives)}" if cause.alternatives else ""
+    effect = f" ({cause.effect})" if cause.effect else ""
+    return f"{cause.text}{besides}{effect}"
+
+
+def good_result(verdict: processing.checks.Verdict) -> str:
+    """Return what a good verdict says of a result."""
+    if not verdict.tried:
+        return "but too little data: neither lights nor normals could be tested"
+    return f"nothing was found that changes the normals by more than {verdict.matters_deg:.2g} deg"
+
+
+def verdict_record(verdict: processing.checks.Verdict) -> dict[str, Any]:
+    """Return a verdict as ``--json`` and records have it."""
+    tested = {
+        field.name: getattr(verdict, field.name)
+        for field in fields(verdict)
+        if field.name != "causes"
+    }
+    return {
+        "verdict": verdict.answer,
+        "causes": [asdict(cause) for cause in verdict.causes],
+        "tested": tested,
+    }
+
+
+def recorded_verdict(record: Mapping[str, Any]) -> processing.checks.Verdict:
+    """Return the verdict of a `verdict_record` that was read from JSON."""
+    causes = (processing.checks.Cause(**_numbers(cause)) for cause in record["causes"])
+    return processing.checks.Verdict(tuple(causes), **_numbers(record["tested"]))
+
+
+def _numbers(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values with NaN for null, which JSON has instead, and tuples for lists."""
+    return {
+        name: math.nan if value is None else tuple(value) if isinstance(value, list) else value
+        for name, value in values.items()
+    }
