@@ -16,7 +16,7 @@ PACKAGES = ("rig", "acquisition", "calibration", "processing", "simulator", "sgp
 # top, modules.
 BUDGET = {
     "rig": (3699, 44, 58),
-    "acquisition": (14226, 60, 143),
+    "acquisition": (14247, 60, 143),
     "calibration": (10115, 30, 85),
     "processing": (18920, 61, 177),
     "simulator": (7315, 28, 65),

@@ -25,7 +25,7 @@ from processing.checks.strengths import (
 from processing.checks.verdict import Verdict
 from processing.images.mosaic import blocks_of_sites
 from processing.images.recorded_images import Images, RecordedImages, RowSample
-from processing.images.viewing_rays import SurfacePoints, View, lights_of, view_of
+from processing.images.viewing_rays import SurfacePoints, View, lights_of, middle_mm, view_of
 from processing.maps.mask import mask_of_images
 from processing.near.mean_height_search import HeightWithStrengths
 from processing.near.near_height import Heights, NearHeight, height_limits
@@ -94,15 +94,26 @@ def geometry_of(
     *,
     rests_on_plane: bool,
     distant: bool,
+    light_distance_mm: float | None = None,
 ) -> _Geometry:
     """Return the geometry of a source, before any image is read.
 
     Raises
     ------
     DataError
-        If there are no lights, near lights have no scale, or a height is stated for distant ones.
+        If there are no lights, near lights have no scale, a height is stated for distant ones, or
+        a distance for lights with positions or for distant ones.
     """
     lights = lights_of(source, distant=distant)
+    if light_distance_mm is not None:
+        if distant or lights.near:
+            kind = "distant lights" if distant else "lights with positions"
+            raise DataError(
+                f"{source.path}: a distance is for lists of directions, not for {kind}: leave it "
+                "out"
+            )
+        scaled = view_of(source, pixel_mm)
+        lights = lights.at_distance(light_distance_mm, middle_mm(source, scaled))
     view = view_of(source, pixel_mm) if lights.near else None
     if view is None and (height_mm is not None or rests_on_plane):
         raise DataError(

@@ -115,6 +115,10 @@ class NormalsStage:
         colours are as sharp as others; the albedo in colour is interpolated afterwards.
     distant
         Treat lights with positions as distant lights.
+    light_distance_mm
+        Distance of lights that have only directions, such as those of a dome, from the middle of
+        the object: the point of the working plane in the middle of the complete images, for which
+        directions and intensities are stated. The lights are then near lights.
     height_mm
         Mean height of the object above the working plane, if it is known. Only for near lights.
     rests_on_plane
@@ -145,6 +149,7 @@ class NormalsStage:
     method: Method = "best"
     channel: StereoChannel = "gray"
     distant: bool = False
+    light_distance_mm: float | None = None
     height_mm: float | None = None
     rests_on_plane: bool = False
     pixel_mm: float | None = None
@@ -177,7 +182,10 @@ class NormalsStage:
             self.height_mm,
             rests_on_plane=self.rests_on_plane,
             distant=self.distant,
+            light_distance_mm=self.light_distance_mm,
         )
+        if self.light_distance_mm is not None:
+            source = replace(source, lights=geometry.lights)
         if files is not None and not files.replace:
             check_unfinished(files.path, files.identity)
         with ExitStack() as opened:
@@ -247,6 +255,7 @@ class NormalsStage:
             verdict=verdict,
             excluded=excluded,
             strengths=strengths,
+            light_distance_mm=self.light_distance_mm,
             error=_error(source, made["normals"], valid, mask),
             previews=previews,
             near_height=near,
@@ -300,6 +309,7 @@ def reconstruct(
     method: Method = "best",
     channel: StereoChannel = "gray",
     distant: bool = False,
+    light_distance_mm: float | None = None,
     height_mm: float | None = None,
     rests_on_plane: bool = False,
     pixel_mm: float | None = None,
@@ -332,6 +342,10 @@ def reconstruct(
         colours are as sharp as others; the albedo in colour is interpolated afterwards.
     distant
         Treat lights with positions as distant lights.
+    light_distance_mm
+        Distance of lights that have only directions, such as those of a dome, from the middle of
+        the object: the point of the working plane in the middle of the complete images, for which
+        directions and intensities are stated. The lights are then near lights.
     height_mm
         Mean height of the object above the working plane, if it is known. Only for near lights.
     rests_on_plane
@@ -382,6 +396,7 @@ def reconstruct(
         method=method,
         channel=channel,
         distant=distant,
+        light_distance_mm=light_distance_mm,
         height_mm=height_mm,
         rests_on_plane=rests_on_plane,
         pixel_mm=pixel_mm,
@@ -394,7 +409,7 @@ def reconstruct(
     depth = None if made.near_height is None else made.near_height.depth
     camera, size = made.source.camera, pixel_mm
     geometry = geometry_of(
-        source, pixel_mm, height_mm, rests_on_plane=rests_on_plane, distant=distant
+        made.source, pixel_mm, height_mm, rests_on_plane=rests_on_plane, distant=distant
     )
     if isinstance(geometry.view, Perspective):
         camera, size = geometry.view.camera, None  # the camera has the scale

@@ -56,6 +56,9 @@ class Reconstruction:
         Names of the images that were left out because they disagree with the others.
     strengths
         Strengths of the lights, if they were estimated.
+    light_distance_mm
+        Distance of the lights from the middle of the object, if they had only directions and it was
+        stated; `source` and `lights` have their positions.
     error
         Error of the normals over `mask`; None if the source has no ground truth.
     previews
@@ -81,6 +84,7 @@ class Reconstruction:
     verdict: Verdict
     excluded: tuple[str, ...]
     strengths: LightStrengths | None
+    light_distance_mm: float | None
     error: AngularError | None
     previews: tuple[MapRows, ...]
     near_height: NearHeight | None

@@ -262,6 +262,10 @@ class SourceOptions(RecordingOptions):
         one that explains the images best.
     rests_on_plane
         The lowest points of the object are in the working plane, for lights with positions.
+    light_distance_mm
+        Distance in mm of the lights of a list of directions, such as the .lp of a dome, from the
+        middle of the object: they are near lights then, which needs a scale. lights.json with their
+        positions is written with the result.
     semi_calibrated
         Estimate the strengths of the lights with the normals; lights.json with the new intensities
         and their standard deviations is written with the result.
@@ -271,6 +275,7 @@ class SourceOptions(RecordingOptions):
     channel: processing.stereo.StereoChannel = "gray"
     height_mm: Millimetres | None = None
     rests_on_plane: bool = False
+    light_distance_mm: Positive | None = None
     semi_calibrated: bool = False
 
     def stage(self, pixel_mm: float | None = None) -> processing.recording.NormalsStage:

@@ -133,6 +133,8 @@ class NormalsMetrics(QualityMetrics):
     strength_sigma : 1
         `--semi-calibrated`: median of the relative standard deviations of the strengths, with 1 %
         for the height if it was found with them
+    light_distance_mm : mm
+        `--light-distance-mm`: distance of the lights from the middle of the object
     """
 
     images: int
@@ -153,6 +155,7 @@ class NormalsMetrics(QualityMetrics):
     height_changes_mm: NotRequired[list[float]]
     excluded: NotRequired[list[str]]
     strength_sigma: NotRequired[float]
+    light_distance_mm: NotRequired[float]
 
 
 class SeparationMetrics(TypedDict):
