@@ -18,7 +18,7 @@ from __future__ import annotations
 import sys
 import time
 from argparse import Namespace
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -29,7 +29,7 @@ from benchmarks.harness import command_line
 from benchmarks.imperfections.cases import CASES, NONE
 from benchmarks.imperfections.real import REAL
 from benchmarks.imperfections.recordings import Recording
-from benchmarks.imperfections.scenes import SCENES, random_scene, scene
+from benchmarks.imperfections.scenes import SCENES, SIZE, random_scene, scene
 from benchmarks.imperfections.summary import summary
 from benchmarks.imperfections.table import Key, Row, Table, cases_of
 from benchmarks.imperfections.trials import Trial
@@ -39,7 +39,8 @@ RANDOM = "random"
 _CLEAN = (NONE, "0")
 
 
-def main() -> int:
+def main(words: Sequence[str] | None = None) -> int:
+    """Fill the table and print its summary; return the exit code."""
     parser = command_line(__doc__)
     parser.add_argument("--out", type=Path, default=Path("imperfections.csv"), help="the table")
     parser.add_argument("--scenes", nargs="*", help="of the simulator; default: all")
@@ -50,9 +51,10 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=1, help="number of seeds of each scene")
     parser.add_argument("--clean", type=int, default=0, help="number of random clean recordings")
     parser.add_argument("--pairs", type=int, default=0, help="pairs of imperfections of each scene")
+    parser.add_argument("--size", type=int, nargs=2, default=SIZE, help="width and height")
     parser.add_argument("--minutes", type=float, default=float("inf"), help="end after this time")
     parser.add_argument("--summary", action="store_true", help="only print the summary")
-    options = parser.parse_args()
+    options = parser.parse_args(words)
     table = Table(options.out)
     ends = time.monotonic() + 60 * options.minutes
     if not options.summary:
@@ -70,7 +72,7 @@ def _recordings(options: Namespace) -> Iterator[tuple[str, int, Callable[[], Rec
     """Yield name and seed of each recording, how it is made, and what is tried on it."""
     seeds = range(options.first_seed, options.first_seed + options.seeds)
     for seed, name in product(seeds, SCENES if options.scenes is None else options.scenes):
-        yield name, seed, partial(scene, name, seed), _tried(options, seed)
+        yield name, seed, partial(scene, name, seed, tuple(options.size)), _tried(options, seed)
     for name in REAL if options.real is None else options.real:
         yield name, 0, REAL[name], _tried(options, 0)
     for seed in range(options.first_seed, options.first_seed + options.clean):

@@ -39,7 +39,7 @@ class Case:
     near
         It exists only under near lights.
     hidden
-        Where images do not show it: on ``flat`` objects, or under ``distant`` lights.
+        Where images do not show it: on ``flat`` objects, under ``distant`` lights.
     """
 
     unit: str
@@ -48,15 +48,15 @@ class Case:
     causes: tuple[str, ...]
     distant: tuple[str, ...] = ()
     near: bool = False
-    hidden: str = ""
+    hidden: tuple[str, ...] = ()
 
     def applies_to(self, recording: Recording) -> bool:
         return recording.lights.near or not self.near
 
     def shown_by(self, recording: Recording) -> bool:
         """Return whether images can show it."""
-        hides = {"": False, "flat": recording.flat, "distant": not recording.lights.near}
-        return not hides[self.hidden]
+        hides = {"flat": recording.flat, "distant": not recording.lights.near}
+        return not any(hides[one] for one in self.hidden)
 
     def named_in(self, names: Iterable[str], recording: Recording) -> bool:
         """Return whether a right name is among these."""
@@ -204,6 +204,42 @@ def _rolled(images: Float32, by: float) -> Float32:
     return np.roll(images, int(by), axis=0)
 
 
+def _shuffled(images: Float32, _: float) -> Float32:
+    return images[np.random.default_rng(_SCATTER_SEED).permutation(len(images))]
+
+
+def _one_repeated(images: Float32, _: float) -> Float32:
+    """Replace one image by a copy of another one."""
+    changed = images.copy()
+    changed[len(images) // 3] = images[len(images) // 2]
+    return changed
+
+
+def _one_turned(images: Float32, _: float) -> Float32:
+    changed = images.copy()
+    changed[len(images) // 3] = images[len(images) // 3, ::-1, ::-1]
+    return changed
+
+
+def _one_torn(images: Float32, part: float) -> Float32:
+    """Replace rows in the middle of one image by those of another one."""
+    changed, height = images.copy(), images.shape[1]
+    first, last = (round(height * (0.5 + sign * part / 2)) for sign in (-1, 1))
+    changed[len(images) // 3, first:last] = images[len(images) // 2, first:last]
+    return changed
+
+
+def _one_light_moved(places: Float64, degrees: float) -> Float64:
+    """Turn one light toward the optical axis."""
+    changed, one = places.copy(), len(places) // 3
+    along = np.array([*places[one, :2], 0.0])
+    axis = np.cross(along, [0.0, 0.0, 1.0])
+    axis /= max(float(np.linalg.norm(axis)), 1e-9)
+    turned, _ = cv2.Rodrigues(axis * np.radians(degrees))
+    changed[one] = turned @ places[one]
+    return changed
+
+
 def _turned_about_z(places: Float64, degrees: float) -> Float64:
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     return np.asarray(places @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]))
@@ -335,7 +371,7 @@ CASES: dict[str, Case] = {
         lambda r, s: _matrix(r, 1, s),
         ("principal-point", *_FRAME),
         near=True,
-        hidden="flat",
+        hidden=("flat",),
     ),
     "lights_shifted": Case(
         "mm along x",
@@ -343,7 +379,7 @@ CASES: dict[str, Case] = {
         _placed(lambda p, s: p + np.array([s, 0, 0])),
         _FRAME,
         near=True,
-        hidden="flat",
+        hidden=("flat",),
     ),
     "lights_turned": Case(
         "degrees about the optical axis",
@@ -352,7 +388,7 @@ CASES: dict[str, Case] = {
         ("lights-turned", *_FRAME),
     ),
     "lights_tilted": Case(
-        "degrees about y", (3, 1, 8), _placed(_tilted_about_y), _FRAME, hidden="flat"
+        "degrees about y", (3, 1, 8), _placed(_tilted_about_y), _FRAME, hidden=("flat", "distant")
     ),
     "lights_scaled": Case(
         "part", (0.03, 0.01, 0.1), _placed(lambda p, s: p * (1 + s)), _FRAME, near=True
@@ -372,9 +408,21 @@ CASES: dict[str, Case] = {
         ("images-drift", "images-moved", *_SHIFTS),
     ),
     "one_moved": Case("px", (2, 1, 4), _with(_one_moved), ("image-disagrees", *_SHIFTS)),
-    "upside_down": Case("-", (1,), _turned_images(-1, -1), _FLIPS, hidden="distant"),
+    "one_turned": Case("-", (1,), _with(_one_turned), ("image-turned", "image-disagrees")),
+    "one_torn": Case(
+        "part of the rows", (0.1, 0.05, 0.3), _with(_one_torn), ("image-striped", "image-disagrees")
+    ),
+    "one_repeated": Case("-", (1,), _with(_one_repeated), ("image-duplicate", "image-disagrees")),
+    "one_light_moved": Case(
+        "degrees",
+        (25, 10, 5),
+        _placed(_one_light_moved),
+        ("light-moved", "image-disagrees", *_GAINS),
+    ),
+    "upside_down": Case("-", (1,), _turned_images(-1, -1), _FLIPS, hidden=("distant",)),
     "mirrored": Case("-", (1,), _turned_images(1, -1), _FLIPS),
     "swapped": Case("pairs of images", (1, 2, 3), _with(_swapped), _ORDER),
     "reversed": Case("-", (1,), _with(lambda v, _: v[::-1]), _ORDER),
+    "shuffled": Case("-", (1,), _with(_shuffled), _ORDER),
     "order_shifted": Case("images", (1, 2, 5), _with(_rolled), _ORDER),
 }
