@@ -20,6 +20,7 @@ from acquisition import (
     write_png,
 )
 from acquisition.pixels import write_tiff
+from benchmarks.imperfections.remedies import Remedy
 from processing import Reconstruction, reconstruct
 from rig.arrays import Bool, Float32, Float64
 from simulator import Scene, read_scene, render
@@ -109,13 +110,19 @@ class Recording:
                 cv2.imwrite(path, bgr, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
         write_mask(mask_file(folder), self.mask)
 
-    def reconstructed(self, folder: Path) -> Reconstruction:
+    def reconstructed(self, folder: Path, remedy: Remedy | None = None) -> Reconstruction:
         """Write the recording into a new folder and reconstruct it as a user does."""
         self.write(folder)
+        remedy = remedy or Remedy()
         source = read_source(
-            folder, lights=self.lights, mask_path=mask_file(folder), camera=self.camera
+            folder,
+            lights=self.lights,
+            mask_path=mask_file(folder),
+            camera=self.camera,
+            transfer=remedy.transfer,
+            without=remedy.without,
         )
-        return reconstruct(source)
+        return reconstruct(source, **remedy.keywords)
 
 
 def mask_file(folder: Path) -> Path:

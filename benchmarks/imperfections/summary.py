@@ -9,6 +9,8 @@ from benchmarks.imperfections.cases import NONE
 from benchmarks.imperfections.table import Row, Table
 
 _WIDTH = 22
+# Most times of the clean error that a remedy leaves, and change in degrees that does not matter.
+_HEALED, _SLIGHT = 1.3, 0.1
 
 
 def summary(table: Table) -> Iterator[str]:
@@ -35,6 +37,8 @@ def summary(table: Table) -> Iterator[str]:
         listed = ", ".join(f"{name} {count}" for name, count in names.most_common())
         yield f"{case:{_WIDTH}} {listed}"
     yield ""
+    yield from _remedies(list(table.imperfect()))
+    yield ""
     yield from _clean([row for row in table.rows.values() if row.key.case == NONE])
 
 
@@ -56,6 +60,19 @@ def _by(title: str, rows: Iterable[Row], of: Callable[[Row], str]) -> Iterator[s
     for name, group in groups.items():
         named, warned = sum(row.named for row in group), sum(row.warned for row in group)
         yield f"{name:{_WIDTH}} {len(group):7d} {named:7d} {warned:7d}"
+
+
+def _remedies(rows: list[tuple[Row, Row]]) -> Iterator[str]:
+    """Yield what the options did that remedies name."""
+    tried = [(row, clean) for row, clean in rows if row.outcome.remedy and row.has_truth]
+    healed = [
+        row for row, clean in tried if row.outcome.remedied_deg <= _HEALED * clean.outcome.error_deg
+    ]
+    worse = [row for row, _ in tried if row.outcome.remedied_deg > row.outcome.error_deg + _SLIGHT]
+    yield f"{len(tried)} remedies: {len(healed)} give at most {_HEALED} times the clean error"
+    yield f"{len(worse)} of them make the error worse by more than {_SLIGHT} degrees:"
+    for row in worse:
+        yield f"  {row} {row.outcome.remedy}: {row.outcome.remedied_deg:.2f} deg"
 
 
 def _clean(rows: list[Row]) -> Iterator[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -81,18 +82,22 @@ class Row:
     def warned(self) -> bool:
         return self.outcome.answer != "good"
 
+    @property
+    def has_truth(self) -> bool:
+        return not math.isnan(self.outcome.error_deg)
+
     def harm_deg(self, clean: Row) -> float:
         """Return the error of the normals beyond the clean one; infinite for a refusal."""
         if self.outcome.answer == "refused":
             return float("inf")
-        if self.outcome.error_deg != self.outcome.error_deg:
+        if not self.has_truth:
             return self.outcome.change_deg
         return self.outcome.error_deg - clean.outcome.error_deg
 
     def harms(self, clean: Row) -> bool:
         """Return whether the error exceeds the clean one by more than is stated and 1 degree."""
-        stated = self.outcome.sigma_deg if self.outcome.sigma_deg == self.outcome.sigma_deg else 0
-        return self.harm_deg(clean) > max(stated, _MATTERS_DEG)
+        stated = self.outcome.sigma_deg
+        return self.harm_deg(clean) > max(0.0 if math.isnan(stated) else stated, _MATTERS_DEG)
 
 
 def _names(outcome: Outcome) -> set[str]:

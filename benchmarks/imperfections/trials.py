@@ -10,6 +10,7 @@ import numpy as np
 
 from acquisition import DataError, angle_deg
 from benchmarks.imperfections.recordings import NAN, Recording
+from benchmarks.imperfections.remedies import Remedy
 from calibration import EstimateError
 from processing import Reconstruction
 from processing.checks import Cause, Verdict
@@ -36,6 +37,10 @@ class Outcome:
         after ``/``.
     codes
         Codes of all notices.
+    remedy
+        The options that the first cause with such a remedy names.
+    remedied_deg
+        Mean angle between normals and truth with these options.
     text
         Texts of the verdict's notices, or why the recording was refused.
     """
@@ -47,6 +52,8 @@ class Outcome:
     answer: str = "refused"
     causes: str = ""
     codes: str = ""
+    remedy: str = ""
+    remedied_deg: float = NAN
     text: str = ""
 
     def columns(self) -> dict[str, str]:
@@ -79,14 +86,14 @@ class Trial:
 
     def outcome(self, recording: Recording) -> Outcome:
         """Reconstruct a recording, and compare it with its truth and with the clean result."""
-        with TemporaryDirectory() as folder:
-            try:
-                result = recording.reconstructed(Path(folder) / "images")
-            except (DataError, EstimateError) as error:
-                return Outcome(text=str(error).replace(folder, "")[:_TEXT])
+        try:
+            result = _reconstructed(recording)
+        except (DataError, EstimateError) as error:
+            return Outcome(text=str(error)[:_TEXT])
         if self._normals is None:
             self._normals, self._valid = result.normals.normals, result.valid
         verdict = _verdict(result)
+        remedies = [remedy for cause in verdict.causes if (remedy := Remedy.of(cause)).options]
         return Outcome(
             error_deg=_error_deg(result, recording),
             error_mm=_error_mm(result, recording),
@@ -95,6 +102,8 @@ class Trial:
             answer=verdict.answer,
             causes=" ".join("/".join((one.name, *one.alternatives)) for one in verdict.causes),
             codes=" ".join(sorted({notice.code for notice in result.warnings})),
+            remedy=remedies[0].options if remedies else "",
+            remedied_deg=_remedied_deg(recording, remedies[0]) if remedies else NAN,
             text="; ".join(notice.text for notice in verdict.notices)[:_TEXT],
         )
 
@@ -107,6 +116,19 @@ class Trial:
 
 # Characters of a text that are kept.
 _TEXT = 300
+
+
+def _reconstructed(recording: Recording, remedy: Remedy | None = None) -> Reconstruction:
+    with TemporaryDirectory() as folder:
+        return recording.reconstructed(Path(folder) / "images", remedy)
+
+
+def _remedied_deg(recording: Recording, remedy: Remedy) -> float:
+    """Return the error with the options of a remedy; a right angle if it is refused."""
+    try:
+        return _error_deg(_reconstructed(recording, remedy), recording)
+    except (DataError, EstimateError):
+        return 90.0
 
 
 def _error_deg(result: Reconstruction, recording: Recording) -> float:

@@ -7,12 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from acquisition import Lights
+from acquisition import SRGB, Lights
 from benchmarks.imperfections import __main__ as command
 from benchmarks.imperfections.cases import CASES, NONE
 from benchmarks.imperfections.recordings import Recording
+from benchmarks.imperfections.remedies import Remedy
 from benchmarks.imperfections.table import Key, Row, Table
 from benchmarks.imperfections.trials import Outcome
+from processing.checks import Cause
 from simulator import bench_camera, dome_lights
 from tests.cases import cases
 
@@ -129,6 +131,36 @@ def test_objects_without_truth_are_compared_with_their_clean_result():
     clean = Row.of(Key("cat", "0", NONE, "0"), ball(), outcome(error=np.nan))
     changed = replace(outcome(error=np.nan), change_deg=4.0)
     assert Row.of(Key("cat", "0", "drift", "1"), ball(), changed).harms(clean)
+
+
+@cases(
+    ("text", "options", "keywords"),
+    {
+        "a person": ("repeat in the dark", "", {}),
+        "ambient": (
+            "repeat in the dark, or give --ambient estimate",
+            "--ambient estimate",
+            {"ambient": "estimate"},
+        ),
+        "distance": (
+            "give --light-distance-mm 450.5",
+            "--light-distance-mm 450.5",
+            {"light_distance_mm": 450.5},
+        ),
+        "no value": ("measure it, and give --light-distance-mm D", "", {}),
+        "switch": ("use --semi-calibrated.", "--semi-calibrated", {"semi_calibrated": True}),
+    },
+)
+def test_a_remedy_is_followed_if_it_is_an_option(text, options, keywords):
+    remedy = Remedy.of(Cause("a", "b", 1.0, "", 0.1, 2.0, np.nan, text))
+    assert (remedy.options, dict(remedy.keywords)) == (options, keywords)
+
+
+def test_a_remedy_may_change_how_images_are_read():
+    curve = Remedy.of(Cause("a", "b", 1.0, "", 0.1, 2.0, np.nan, "read with --gamma sRGB."))
+    assert curve.transfer == SRGB
+    less = Remedy.of(Cause("a", "b", 1.0, "", 0.1, 2.0, np.nan, "leave out: --exclude L01,L07."))
+    assert less.without == ("L01", "L07")
 
 
 def test_a_table_is_read_as_it_was_written(tmp_path):
