@@ -92,7 +92,7 @@ def random_scene(seed: int) -> Recording:
     def between(low: float, high: float) -> float:
         return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
-    radius = float(rng.uniform(55, 90))
+    radius, slope = float(rng.uniform(55, 90)), float(rng.uniform(-0.2, 0.2))
     objects: list[Table] = [
         {"kind": "cap", "height_mm": radius * between(0.1, 0.9)},
         {"kind": "coin", "dome_mm": between(3, 30), "relief_mm": between(0.3, 2)},
@@ -102,7 +102,7 @@ def random_scene(seed: int) -> Recording:
         {"kind": "woodcarving", "amplitude_mm": between(1, 4)},
         {"kind": "leather", "amplitude_mm": between(0.6, 3), "plate_mm": between(12, 30)},
         {"kind": "noise", "rms_mm": between(0.05, 0.5), "wavelength_mm": between(6, 20)},
-        {"kind": "plane", "height_mm": 3.0, "slope_x": float(rng.uniform(-0.2, 0.2))},
+        {"kind": "plane", "height_mm": 1 + abs(slope) * radius, "slope_x": slope},
     ]
     meshes = ("decimated-max", "stanford-bunny", "skull")
     folder = data_folder() / "meshes"
