@@ -1,0 +1,1 @@
+"""Imperfect recordings: what one imperfection does to a result, and what the program says."""
