@@ -78,6 +78,20 @@ class BlockModel:
         """``(P, 3)``."""
         return np.asarray(self.scaled_normals / self.albedo[:, None])
 
+    def products(self, blocks: Intp) -> tuple[Float64, Float64]:
+        """Return the weighted vectors ``(B, N, 3)`` of blocks, and their products ``(B, 3, 3)``."""
+        vectors = np.where(self.attached[blocks][..., None], 0.0, self.vectors[blocks])
+        weighted = vectors * self.weights[blocks][..., None]
+        products = weighted.transpose(0, 2, 1) @ vectors
+        ridge = 1e-9 * np.trace(products, axis1=1, axis2=2)[:, None, None] + 1e-30
+        return weighted, products + ridge * np.eye(3)
+
+    def answer(self, blocks: Intp, change: Float64) -> Float64:
+        """Return how the scaled normals ``(B, 3)`` of blocks change if samples ``(B, N)`` do."""
+        weighted, products = self.products(blocks)
+        target = (weighted * change[..., None]).sum(axis=1)
+        return np.asarray(np.linalg.solve(products, target[..., None])[..., 0])
+
     @property
     def relative_residual(self) -> float:
         """Typical residual relative to the brightest sample of its block."""
@@ -88,7 +102,7 @@ class BlockModel:
 
 
 def block_samples(cells: Cells) -> tuple[Float64, Intp]:
-    """Return samples ``(P, N)`` relative to the bright parts, NaN where not measured, and places."""
+    """Return samples ``(P, N)`` relative to the bright parts (NaN: not measured), and places."""
     places = np.flatnonzero(cells.mask)
     values = cells.values.reshape(len(cells.values), -1)[:, places].T.astype(np.float64)
     scale = float(np.nanpercentile(values, 99))
@@ -127,8 +141,11 @@ def fit_blocks(
         cast = (seen < _CAST * predicted) & (predicted > 3 * _DIM * brightest)
         variance = _NOISE**2 + (_RELATIVE_NOISE * np.maximum(predicted, 0)) ** 2
         off = np.abs(seen - np.where(attached, 0.0, predicted)) / np.sqrt(variance)
-        spread = np.nanmedian(np.where(lit, off, np.nan), axis=1, keepdims=True)
-        spread = np.maximum(_MAD_TO_SIGMA * np.nan_to_num(spread, nan=1.0), 0.3)
+        # The median of the lit ones: others are sorted behind them.
+        middle = np.maximum(lit.sum(axis=1, keepdims=True) // 2, 0)
+        ordered = np.sort(np.where(lit, off, np.inf), axis=1)
+        spread = np.take_along_axis(ordered, np.minimum(middle, count - 1), axis=1)
+        spread = np.clip(_MAD_TO_SIGMA * spread, 0.3, 1e6)
         variance = variance * spread**2
         robust = np.minimum(1, _HUBER * spread / np.maximum(off, 1e-9)) / variance
         enough = (lit & ~cast).sum(axis=1) >= min(6, count - 1)

@@ -99,8 +99,8 @@ KINDS = {
         "check the frame of the lights, or calibrate them again",
     ),
     "lights-near": Kind(
-        "the lights are near: their light falls off over the object",
-        "",
+        "the lights are about {size} away, not distant: their light falls off over the object",
+        "mm",
         1,
         "give --light-distance-mm, or a calibration with positions",
     ),
@@ -147,7 +147,9 @@ class Hypothesis:
 
 def nuisances_of(columns: Columns) -> tuple[Float64, Float64]:
     """Return the columns of height and reflectance, and their expected sizes."""
-    heights = [name for name in ("height", "tilt right", "tilt up", "dome") if name in columns.names]
+    heights = [
+        name for name in ("height", "tilt right", "tilt up", "dome") if name in columns.names
+    ]
     basis = columns.select(*heights, *REFLECTANCE)
     widths = [_HEIGHT_MM] * len(heights) + [_REFLECTANCE] * len(REFLECTANCE)
     return basis, np.array(widths)

@@ -64,7 +64,7 @@ def columns_of(
     lights: Lights,
     strengths: Float64,
     rays: Float64 | None,
-    slopes: tuple[Float64, Float64],
+    slopes: tuple[Float64, Float64] | None,
 ) -> Columns:
     """Return the columns of a model.
 
@@ -79,12 +79,13 @@ def columns_of(
     rays
         ``(P, 3)`` change of the surface points per mm of height; None under distant lights.
     slopes
-        Changes of the scaled normals, see `slopes_of`.
+        Changes of the scaled normals, see `slopes_of`; None without columns of single images.
     """
     moved = _moved_lights(model, lights, rays)
     names = ("ambient", "ambient right", "ambient up", "offset", "curve", *moved, *REFLECTANCE)
     count = model.samples.shape[1]
-    names += tuple(f"{kind} {k}" for kind in OF_IMAGES for k in range(count))
+    if slopes is not None:
+        names += tuple(f"{kind} {k}" for kind in OF_IMAGES for k in range(count))
 
     def of(blocks: Intp) -> Float64:
         scaled, predicted = model.scaled_normals[blocks], model.predicted[blocks]
@@ -108,6 +109,8 @@ def columns_of(
             put(name, _times(change(blocks) - vectors, scaled) * ~attached / _STEP)
         for name, values in reflectance_of(model, blocks).items():
             put(name, values)
+        if slopes is None:
+            return found
         k = np.arange(count)
         start = column["gain 0"]
         found[:, k, start + k] = predicted * lit
@@ -137,10 +140,12 @@ def _moved_lights(
 
     def turned(axis: int) -> Lights:
         about = np.eye(3)[axis] * _STEP
-        places = lights.directions if lights.positions_mm is None else lights.positions_mm
-        moved = np.asarray(places) + np.cross(about, places)
-        axes = np.asarray(lights.axes) + np.cross(about, lights.axes)
-        if lights.near:
+        near = lights.positions_mm is not None
+        places = np.asarray(lights.positions_mm if near else lights.directions)
+        moved = places + np.cross(about, places)
+        axes = np.asarray(lights.axes)
+        axes = axes + np.cross(about, axes)
+        if near:
             return replace(lights, positions_mm=moved, axes=axes)
         return replace(lights, directions=moved, axes=None)
 
@@ -150,11 +155,16 @@ def _moved_lights(
         size = np.ptp(points[:, :2], axis=0).max()
         across, up = ((points[:, i : i + 1] - points[:, i].mean()) / size for i in (0, 1))
         for name, shape in {
-            "height": 1.0, "tilt right": across, "tilt up": up, "dome": across**2 + up**2
+            "height": 1.0,
+            "tilt right": across,
+            "tilt up": up,
+            "dome": across**2 + up**2,
         }.items():
             found[name] = at(lights, rays * shape * _STEP)
         for axis, name in enumerate("xyz"):
-            moved = replace(lights, positions_mm=lights.positions_mm + np.eye(3)[axis] * _STEP * away)
+            moved = replace(
+                lights, positions_mm=lights.positions_mm + np.eye(3)[axis] * _STEP * away
+            )
             found[f"shift {name}"] = at(moved)
         return found
     unit = lights.unit_directions

@@ -34,8 +34,8 @@ class Fitted:
         ``(Q,)`` of the columns of the cause.
     evidence
         Logarithm of how much more probable the images are than without the cause.
-    explained, foreseen
-        Share of the squared residual that it explains, and that it explains in parts of the object
+    foreseen
+        Share of the squared residual of normals and albedo that it explains in parts of the object
         to which it was not fitted.
     """
 
@@ -44,7 +44,6 @@ class Fitted:
     change: Float64
     alone: Float64
     evidence: float
-    explained: float
     foreseen: float
 
 
@@ -74,7 +73,7 @@ class NormalEquations:
         widths: Float64,
     ) -> None:
         self.model, self.columns, self.blocks = model, columns, blocks
-        self.nuisances, self._widths = nuisances, widths
+        self.nuisances, self.widths = nuisances, widths
         count = len(columns.names)
         rows, across = np.divmod(model.places[blocks], model.shape[1])
         part = _part(rows) * _PARTS + _part(across)
@@ -92,16 +91,12 @@ class NormalEquations:
 
     def _add(self, part: int, inside: Intp, columns: Float64) -> None:
         model, blocks = self.model, self.blocks[inside]
-        weights = model.weights[blocks]
-        vectors = np.where(model.attached[blocks][..., None], 0.0, model.vectors[blocks])
-        left = model.samples[blocks] - model.predicted[blocks]
-        weighted = vectors * weights[..., None]
-        products = weighted.transpose(0, 2, 1) @ vectors
-        ridge = 1e-9 * np.trace(products, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+        weights, left = model.weights[blocks], model.samples[blocks] - model.predicted[blocks]
+        weighted, products = model.products(blocks)
         mixed = weighted.transpose(0, 2, 1) @ columns
         target = (weighted * left[..., None]).sum(axis=1)
-        answer = np.linalg.solve(products + ridge, mixed)
-        fitted = np.linalg.solve(products + ridge, target[..., None])[..., 0]
+        answer = np.linalg.solve(products, mixed)
+        fitted = np.linalg.solve(products, target[..., None])[..., 0]
         root = np.sqrt(weights)
         rows = (columns * root[..., None]).reshape(-1, columns.shape[2])
         residual = (left * root).reshape(-1)
@@ -140,7 +135,7 @@ class NormalEquations:
     def nuisance_sizes(self) -> Float64:
         """Return ``(m,)`` the nuisances alone."""
         variance = self.squares / self.samples
-        return self._solved(self.nuisances, self._widths, None, variance)[0]
+        return self._solved(self.nuisances, self.widths, None, variance)[0]
 
     @cached_property
     def base(self) -> float:
@@ -148,9 +143,7 @@ class NormalEquations:
         squares = self._sums[2]
         if not self.nuisances.shape[1]:
             return squares
-        found, _, _ = self._solved(
-            self.nuisances, self._widths, None, squares / self.samples
-        )
+        found, _, _ = self._solved(self.nuisances, self.widths, None, squares / self.samples)
         return squares - self._gain(self.nuisances @ found)
 
     def design_effect(self, flexible: Float64, judged: Float64, widths: Float64) -> float:
@@ -184,7 +177,7 @@ class NormalEquations:
             Samples that count as one.
         """
         basis = np.hstack([self.nuisances, cause])
-        expected = np.concatenate([self._widths, widths])
+        expected = np.concatenate([self.widths, widths])
         known = self.nuisances.shape[1]
         left = self.base
         for _ in range(2):
@@ -209,7 +202,6 @@ class NormalEquations:
             basis @ found,
             alone,
             float(evidence),
-            1 - left / self.base,
             self._foreseen(basis, expected, variance),
         )
 
@@ -226,16 +218,16 @@ class NormalEquations:
             found, _, _ = self._solved(basis, widths, others, variance)
             gain += self._gain(basis @ found, own)
             if known:
-                found, _, _ = self._solved(self.nuisances, self._widths, others, variance)
+                found, _, _ = self._solved(self.nuisances, self.widths, others, variance)
                 gain -= self._gain(self.nuisances @ found, own)
-        return gain / self.base
+        return gain / self.squares
 
     def with_nuisances(self, basis: Float64, widths: Float64) -> NormalEquations:
         """Return the same equations with more nuisances."""
         other = copy(self)
         other.nuisances = np.hstack([self.nuisances, basis])
-        other._widths = np.concatenate([self._widths, widths])
-        other.__dict__.pop("base", None)
+        other.widths = np.concatenate([self.widths, widths])
+        other.__dict__.pop("base", None)  # it depends on them
         return other
 
     def least_size(
@@ -255,14 +247,14 @@ class NormalEquations:
         basis = np.hstack([self.nuisances, cause])
         variance = self.base / self.samples
         _, matrix, ridge = self._solved(
-            basis, np.concatenate([self._widths, widths]), None, variance * design_effect
+            basis, np.concatenate([self.widths, widths]), None, variance * design_effect
         )
         known = self.nuisances.shape[1]
         left = matrix[known, known]
         if known:
             inner = matrix[:known, :known] + ridge[:known, :known]
             left -= matrix[known, :known] @ np.linalg.solve(inner, matrix[:known, known])
-        needed = max(2 * evidence * variance * design_effect, share * self.base)
+        needed = max(2 * evidence * variance * design_effect, share * self.squares)
         return float(np.sqrt(needed / max(float(left), 1e-300)))
 
     def effect_deg(self, change: Float64) -> Float64:
@@ -271,8 +263,10 @@ class NormalEquations:
         normals = self.model.normals[self.blocks]
         across = moved - (moved * normals).sum(axis=1, keepdims=True) * normals
         size = np.linalg.norm(across, axis=1) / self.model.albedo[self.blocks]
-        return np.degrees(np.arctan(size))
+        return np.asarray(np.degrees(np.arctan(size)))
 
 
 def _part(at: Intp) -> Intp:
-    return np.minimum((at - at.min()) * _PARTS // max(int(np.ptp(at)) + 1, 1), _PARTS - 1)
+    return np.asarray(
+        np.minimum((at - at.min()) * _PARTS // max(int(np.ptp(at)) + 1, 1), _PARTS - 1)
+    )

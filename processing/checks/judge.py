@@ -9,6 +9,7 @@ import numpy as np
 
 from acquisition import Lights, Source
 from calibration import EstimateError
+from processing.checks.explanation import Explanation, explain
 from processing.checks.quality import ImageQuality
 from processing.checks.verdict import Cause, Verdict
 from processing.images.block_means import cells_of
@@ -17,7 +18,7 @@ from processing.images.viewing_rays import SurfacePoints, View
 from processing.maps.metrics import angular_error
 from processing.stereo.normals_and_albedo import photometric_stereo
 from rig import Notice
-from rig.arrays import Bool
+from rig.arrays import Bool, Float64
 
 _FEWEST_IMAGES = 4
 _REMEDIES = {
@@ -70,7 +71,10 @@ def judge(
     sigma_deg
         Stated standard deviation of the normals: the median, in degrees; NaN if it is not known.
     """
-    causes = [_cause(examined, quality, notice) for notice in (*doubts, *quality.warnings)]
+    found = _explained(examined)
+    named = {cause.name for cause in found.causes}
+    others = [notice for notice in (*doubts, *quality.warnings) if notice.code not in named]
+    causes = [*found.causes, *(_cause(examined, quality, notice) for notice in others)]
     # The causes that an unknown effect makes harmful, too, before smaller ones.
     causes.sort(key=lambda cause: -np.nan_to_num(cause.normals_deg, nan=np.inf))
     return Verdict(
@@ -78,8 +82,32 @@ def judge(
         sigma_deg=sigma_deg,
         residual=quality.residual,
         noise=quality.consistency,
-        tried=_tried(quality),
+        tried=(*found.tried, *_tried(quality)),
+        not_excluded=found.not_excluded,
+        least=found.least,
     )
+
+
+def _explained(examined: Examined) -> Explanation:
+    images, lights, mask, points, view, source = examined
+    cells = cells_of(images, mask, points)
+    camera = source.camera
+    pixel_mm = None
+    if camera is not None and camera.working_distance_mm is not None:
+        pixel_mm = camera.working_distance_mm / float(camera.K[0, 0])
+    return explain(cells, lights, _strengths(source, lights), view, pixel_mm)
+
+
+def _strengths(source: Source, lights: Lights) -> Float64:
+    """Return the signal of each image relative to its linear samples; the mean logarithm is 0."""
+    exposures = dict.fromkeys(source.light_ids, 0.0)
+    for frame in source.frames:
+        if frame.role == "light" and frame.light_id in exposures:
+            exposures[frame.light_id] = max(exposures[frame.light_id], frame.exposure_us or 0.0)
+    times = np.array([exposures[name] for name in lights.ids])
+    times = np.where(times > 0, times, times.max() or 1.0)
+    strengths = times * np.asarray(lights.intensities).mean(axis=1)
+    return np.asarray(strengths / np.exp(np.log(strengths).mean()))
 
 
 def _tried(quality: ImageQuality) -> tuple[str, ...]:
