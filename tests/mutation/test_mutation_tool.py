@@ -126,6 +126,7 @@ def test_the_verdict_is_the_result_of_the_tests(
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_a_kernel_that_others_have_compiled_in_is_faulty_at_once(trial: Trial) -> None:
     kernels, solver = (f"processing/stereo/{name}.py" for name in ("pixel_algebra", "cauchy"))
     assert solver in trial.compiled_from(kernels)
