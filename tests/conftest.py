@@ -40,6 +40,11 @@ def pytest_collection():
         gc.freeze()
 
 
+def pytest_unconfigure():
+    """Let the interpreter collect everything when it ends: modules in C report what is left."""
+    gc.unfreeze()
+
+
 def pytest_collection_modifyitems(config, items):
     """Begin with the tests that may take longest, so that no worker is left with one at the end."""
     usual_s = float(config.getini("timeout"))

@@ -20,7 +20,11 @@ from true_to_input.case import Outcome, cases, emptied, later
 
 _PACKAGES = ("acquisition", "calibration", "processing", "rig", "sgp", "simulator")
 _NOWHERE = "/proc/nonexistent"
-_COMPARE = ("-m", "sgp", "compare", "map.png", "map.png", "--json")
+# A command that compiles few kernels.
+_COMBINE = (
+    *("-m", "sgp", "detail", "combine", "map.png", "map.png", "--force", "--json", "--out"),
+    "out",
+)
 _NOTEBOOK = (
     "-W",
     "always",
@@ -59,7 +63,7 @@ class _Installation:
 
     def run(
         self,
-        words: Sequence[str] = _COMPARE,
+        words: Sequence[str] = _COMBINE,
         *,
         locked: Sequence[Path] = (),
         mounts: Sequence[str] = (),
@@ -140,7 +144,7 @@ def _says_once(folder: Path) -> Outcome:
 
 
 @later
-def _nowhere(folder: Path, words: Sequence[str] = _COMPARE) -> Outcome:
+def _nowhere(folder: Path, words: Sequence[str] = _COMBINE) -> Outcome:
     place = _Installation(folder)
     outside = [Path(name) for name in ("/tmp", "/var/tmp", "/dev/shm") if Path(name).is_dir()]
     ran = place.run(words, locked=[*outside, place.folder])
@@ -245,7 +249,7 @@ def _together(folder: Path) -> Outcome:
     """Three processes compile the same kernels at once; a fourth one finds them."""
     place = _Installation(folder)
     with ThreadPoolExecutor(3) as pool:
-        ran = [*pool.map(lambda _: place.run(), range(3))]
+        ran = [*pool.map(lambda out: place.run((*_COMBINE[:-1], out)), ("a", "b", "c"))]
     bad = next((one for one in ran if not one.ok), None)
     return _judged(bad or place.run(), silent=("compil",))
 
