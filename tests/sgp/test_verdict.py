@@ -15,7 +15,16 @@ import pytest
 
 from acquisition import Session
 from processing.checks import Cause, Verdict
-from sgp.results import Result, dumps, good_result, recorded_verdict, verdict_record
+from rig import MAX_PIXELS
+from sgp.report import make_report, read_folder
+from sgp.results import (
+    Result,
+    dumps,
+    good_result,
+    recorded_verdict,
+    verdict_record,
+    write_record,
+)
 from sgp.results.verdict import verdict_line
 from sgp.sessions import judge_frames
 from tests.cases import cases
@@ -103,16 +112,48 @@ def test_a_verdict_survives_json(found: Verdict, line: str) -> None:
 def test_causes_are_notices_with_their_effects() -> None:
     few = [str(one) for one in verdict(LIGHT, UNKNOWN, TIE).notices]
     assert few == [
-        "room light reaches 15 % of the albedo: normals change by 6.2 deg, heights change by "
-        "12 mm; repeat in the dark",
+        "room light reaches 15 % of the albedo (normals change by 6.2 deg, heights change by "
+        "12 mm); repeat in the dark",
         "the curve is doubtful",
-        "an offset (or ambient-light): normals change by 2 deg",
+        "an offset, or ambient-light (normals change by 2 deg)",
     ]
     severities = [one.severity for one in verdict(LIGHT, GAIN, UNKNOWN, sigma_deg=2).notices]
     assert severities == ["warning", "info", "warning"]
     (left,) = verdict(unexplained_deg=3).notices
     assert left.code == "residual-unexplained"
     assert "26.0% of the signal, 13.0 times the noise" in left.text
+
+
+HEADS = {
+    "good": (
+        verdict(),
+        '<div class="verdict good"><p><strong>Good</strong>: nothing was found that changes the '
+        "normals by more than 1 deg</p></div>",
+    ),
+    "check": (
+        verdict(replace(GAIN, text="<b>")),
+        '<div class="verdict check"><p><strong>Check</strong></p><ul><li>&lt;b&gt; (normals change '
+        'by 1.5 deg)<span class="remedy">calibrate again</span></li></ul></div>',
+    ),
+    "unexplained": (
+        verdict(replace(GAIN, normals_deg=0.2), unexplained_deg=3),
+        '<div class="verdict check"><p><strong>Check</strong></p><ul><li>a residual of 26.0% '
+        "of the signal, noise has 2.0%, is not explained (normals may change by 3 deg)</li></ul>"
+        "</div>",
+    ),
+}
+
+
+@cases(("found", "head"), HEADS)
+def test_the_head_of_a_report_has_the_verdict(found: Verdict, head: str, tmp_path: Path) -> None:
+    write_record(tmp_path / "normals.json", "sgp test", {}, Result(verdict=found))
+    assert head in make_report([tmp_path], max_pixels=MAX_PIXELS).html
+
+
+def test_a_result_without_a_verdict_has_no_head(tmp_path: Path) -> None:
+    write_record(tmp_path / "normals.json", "sgp test", {}, Result())
+    assert read_folder(tmp_path).verdict is None
+    assert '<div class="verdict' not in make_report([tmp_path], max_pixels=MAX_PIXELS).html
 
 
 PLAN = "leds = [0, 1, 2, 3, 4, 5]\nexposures_us = [{us}]\ndark = {dark}\n"
