@@ -15,7 +15,7 @@ PACKAGES = ("rig", "acquisition", "calibration", "processing", "simulator", "sgp
 # At most, for each package: code lines (without docstrings, comments and blanks), names at the
 # top, modules.
 BUDGET = {
-    "rig": (3699, 44, 58),
+    "rig": (3702, 44, 58),
     "acquisition": (14226, 60, 143),
     "calibration": (10115, 30, 85),
     "processing": (18920, 61, 177),

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from acquisition import Session
+from acquisition import DataError, Session
 from processing.checks import Cause, Verdict
 from rig import MAX_PIXELS
 from sgp.report import make_report, read_folder
@@ -21,6 +21,7 @@ from sgp.results import (
     Result,
     dumps,
     good_result,
+    read_record,
     recorded_verdict,
     verdict_record,
     write_record,
@@ -107,6 +108,72 @@ def test_a_verdict_survives_json(found: Verdict, line: str) -> None:
     read = recorded_verdict(json.loads(stored))
     assert verdict_line(read, good_result(read)) == line
     assert dumps(verdict_record(read)) == stored
+
+
+GOLDEN = """{
+  "verdict": "check",
+  "causes": [
+    {
+      "name": "light-gains",
+      "text": "strengths differ by 5 %",
+      "size": 0.05,
+      "unit": "",
+      "sigma": 0.01,
+      "normals_deg": 1.52,
+      "height_mm": null,
+      "remedy": "calibrate again",
+      "inverts": false,
+      "alternatives": [
+        "ambient-light"
+      ],
+      "where": ""
+    }
+  ],
+  "tested": {
+    "sigma_deg": 0.3,
+    "residual": 0.26,
+    "noise": 0.02,
+    "unexplained_deg": 0.0,
+    "tried": [
+      "gain"
+    ],
+    "not_excluded": [
+      "half-turn"
+    ],
+    "least": {
+      "gain": "1.2 %"
+    }
+  }
+}"""
+
+
+def test_json_and_records_have_the_verdict_like_this(tmp_path: Path) -> None:
+    cause = replace(GAIN, alternatives=("ambient-light",))
+    found = verdict(cause, not_excluded=("half-turn",), least={"gain": "1.2 %"})
+    assert dumps(verdict_record(found)) == GOLDEN
+    printed = json.loads(Result(verdict=found).to_json())
+    path = tmp_path / "normals.json"
+    write_record(path, "sgp test", {}, Result(verdict=found))
+    for written in (printed, json.loads(path.read_text())):
+        assert {name: written[name] for name in json.loads(GOLDEN)} == json.loads(GOLDEN)
+    assert dumps(verdict_record(read_record(path).judged)) == GOLDEN
+    assert "verdict" not in Result().to_json()
+
+
+WRONG = {
+    "another answer": {"verdict": "perfect"},
+    "a cause without a name": {"causes": [{"text": "x"}]},
+    "no table": {"tested": 3},
+}
+
+
+@cases("change", WRONG)
+def test_a_record_with_a_wrong_verdict_is_refused(change: dict[str, Any], tmp_path: Path) -> None:
+    path = tmp_path / "normals.json"
+    write_record(path, "sgp test", {}, Result(verdict=verdict(GAIN)))
+    path.write_text(json.dumps(json.loads(path.read_text()) | change))
+    with pytest.raises(DataError, match=next(iter(change))):
+        read_record(path)
 
 
 def test_causes_are_notices_with_their_effects() -> None:
