@@ -42,7 +42,10 @@ def good_result(verdict: processing.checks.Verdict) -> str:
     """Return what a good verdict says of a result."""
     if not verdict.tried:
         return "but too little data: neither lights nor normals could be tested"
-    return f"nothing was found that changes the normals by more than {verdict.matters_deg:.2g} deg"
+    text = f"nothing was found that changes the normals by more than {verdict.matters_deg:.2g} deg"
+    if verdict.sigma_deg > 1:
+        text += f"; their standard deviation is {verdict.sigma_deg:.2g} deg"
+    return text
 
 
 def verdict_record(verdict: processing.checks.Verdict) -> dict[str, Any]:

@@ -53,7 +53,8 @@ LINES = {
     "good": (verdict(), "good: nothing was found that changes the normals by more than 1 deg"),
     "small causes": (
         verdict(GAIN, sigma_deg=1.6),
-        "good: nothing was found that changes the normals by more than 1.6 deg",
+        "good: nothing was found that changes the normals by more than 1.6 deg; their standard "
+        "deviation is 1.6 deg",
     ),
     "nothing tried": (
         verdict(tried=(), sigma_deg=nan),
