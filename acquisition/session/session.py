@@ -301,7 +301,7 @@ def _unrecorded_hint(folder: Path, recorded: set[str]) -> Iterator[Notice]:
     if many:
         yield Notice("journal-lines-lost", text, str(folder / FRAMES))
     else:
-        yield Notice("frames-without-line", text, str(folder / FRAMES))
+        yield Notice("frames-without-line", text, str(folder / FRAMES), "info")
 
 
 def _bytes(path: Path, most_bytes: int) -> bytes | None:

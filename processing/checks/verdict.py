@@ -74,6 +74,13 @@ class Cause:
             effects.append("the relief is inverted")
         return ", ".join(effects)
 
+    @property
+    def described(self) -> str:
+        """What is wrong, other causes that would explain it, and the effect."""
+        besides = f", or {' or '.join(self.alternatives)}" if self.alternatives else ""
+        effect = f" ({self.effect})" if self.effect else ""
+        return f"{self.text}{besides}{effect}"
+
     def matters(self, least_deg: float) -> bool:
         """Return whether it changes normals by more than this, or by an unknown angle."""
         return self.inverts or not self.normals_deg <= least_deg
@@ -160,8 +167,6 @@ class Verdict:
 
 
 def _notice(cause: Cause, matters: float) -> Notice:
-    besides = f" (or {' or '.join(cause.alternatives)})" if cause.alternatives else ""
-    effect = f": {cause.effect}" if cause.effect else ""
-    text = "; ".join(filter(None, (f"{cause.text}{besides}{effect}", cause.remedy)))
+    text = "; ".join(filter(None, (cause.described, cause.remedy)))
     severity: Severity = "warning" if cause.matters(matters) else "info"
     return Notice(cause.name, text, cause.where, severity)

@@ -55,7 +55,7 @@ td.number {{ text-align: right; font-variant-numeric: tabular-nums; }}
 tr.failed td {{ background: #d0302018; }}
 td.good {{ background: #2da44e20; }}
 td.check {{ background: #e0a00040; }}
-td.do-not-use {{ background: #d0302040; font-weight: 600; }}
+td.do-not-use {{ background: #d0302040; font-weight: 600; white-space: nowrap; }}
 img {{ width: 96px; height: 72px; object-fit: contain; display: block; }}
 td.text {{ max-width: 36rem; overflow-wrap: anywhere; }}
 </style></head><body>

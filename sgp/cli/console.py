@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, ClassVar, ParamSpec, Self, TypeVar
 
-from rig import Notice, Severity
+from rig import Notice
 from rig.kernels import KernelWatch
 from sgp.cli.terminal import STDERR, coloured, fitted, printable
 
@@ -22,7 +22,6 @@ Advance = Callable[[int, int], None]
 
 # Interval between lines of progress if stderr is not a terminal.
 _LINE_EVERY_S = 10.0
-_WORDS: dict[Severity, str] = {"info": "note", "warning": "warning", "error": "error"}
 # Notices that this command line has reported.
 _REPORTED: set[str] = set()
 
@@ -40,7 +39,7 @@ def note(text: str) -> None:
 
 def report(notice: Notice) -> None:
     """Print a notice with its severity, once for each command line."""
-    line = f"{_WORDS[notice.severity]}: {notice}"
+    line = f"{notice.label}: {notice}"
     if line not in _REPORTED:
         _REPORTED.add(line)
         note(line)

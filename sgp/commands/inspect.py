@@ -32,8 +32,8 @@ def inspect(
         End with exit code 6 if the verdict is "do not use".
     """
     opened = open_recording(source, options)
-    # The tests compute the normals that they need: the quicker method is enough.
-    stage = compute_normals(opened.source, SourceOptions(**vars(options), method="ls").stage())
+    # With the method of `sgp normals`: the verdict depends on its standard deviations.
+    stage = compute_normals(opened.source, SourceOptions(**vars(options)).stage())
     metrics: InspectMetrics = {
         "images": len(stage.lights),
         "lights": "near" if stage.lights.near else "distant",

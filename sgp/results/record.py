@@ -13,6 +13,7 @@ import acquisition
 import processing
 import rig
 from sgp.results.metrics import COMMANDS, RECORD_FORMAT, RECORD_VERSION
+from sgp.results.verdict import recorded_verdict
 
 _Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
@@ -123,6 +124,13 @@ class ResultRecord(_Table):
     tested: TestedTable | None = None
     files: dict[str, OutputFile] = Field(default_factory=dict)
     record_sha256: _Sha256 | None = None
+
+    @property
+    def judged(self) -> processing.checks.Verdict | None:
+        """The verdict with its causes; None if the command has none."""
+        if self.verdict is None or self.tested is None:
+            return None
+        return recorded_verdict(self.model_dump(include={"causes", "tested"}))
 
     def __repr__(self) -> str:
         counts = (

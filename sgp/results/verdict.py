@@ -21,29 +21,31 @@ def verdict_line(verdict: processing.checks.Verdict, good: str) -> str:
     """
     if verdict.answer == "good":
         return f"good: {good}"
-    named = [cause_text(cause) for cause in verdict.harmful[:_NAMED]]
-    if not named:
-        named.append(
-            f"a residual of {verdict.residual:.1%} of the signal, noise has {verdict.noise:.1%}, "
-            f"is not explained (normals may change by {verdict.unexplained_deg:.2g} deg)"
-        )
-    more = len(verdict.harmful) - _NAMED
+    named = [cause.described for cause in verdict.harmful]
+    named += filter(None, [unexplained_text(verdict)])
+    more = len(named) - _NAMED
     others = [f"{more} more above"] if more > 0 else []
-    return f"{LABELS[verdict.answer]}: {'; '.join([*named, *others])}"
+    return f"{LABELS[verdict.answer]}: {'; '.join([*named[:_NAMED], *others])}"
 
 
-def cause_text(cause: processing.checks.Cause) -> str:
-    """Return a cause with its alternatives and its effect."""
-    besides = f", or {' or '.join(cause.alternatives)}" if cause.alternatives else ""
-    effect = f" ({cause.effect})" if cause.effect else ""
-    return f"{cause.text}{besides}{effect}"
+def unexplained_text(verdict: processing.checks.Verdict) -> str:
+    """Return what is said of a residual that no cause explains; empty if it does not matter."""
+    if not verdict.unexplained_deg > verdict.matters_deg:
+        return ""
+    return (
+        f"a residual of {verdict.residual:.1%} of the signal, noise has {verdict.noise:.1%}, "
+        f"is not explained (normals may change by {verdict.unexplained_deg:.2g} deg)"
+    )
 
 
 def good_result(verdict: processing.checks.Verdict) -> str:
     """Return what a good verdict says of a result."""
     if not verdict.tried:
         return "but too little data: neither lights nor normals could be tested"
-    return f"nothing was found that changes the normals by more than {verdict.matters_deg:.2g} deg"
+    text = f"nothing was found that changes the normals by more than {verdict.matters_deg:.2g} deg"
+    if verdict.sigma_deg > 1:
+        text += f"; their standard deviation is {verdict.sigma_deg:.2g} deg"
+    return text
 
 
 def verdict_record(verdict: processing.checks.Verdict) -> dict[str, Any]:

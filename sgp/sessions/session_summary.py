@@ -120,13 +120,13 @@ def _frame_table(session: acquisition.Session) -> list[str]:
     return [head, *(_row(frame.line, unlit_dn, width) for frame in session.frames)]
 
 
-def dark_dn(session: acquisition.Session) -> dict[float | None, int]:
-    """Return the 99th percentile of the frames with all LEDs off, by exposure time."""
+def dark_dn(session: acquisition.Session, percentile: str = "99") -> dict[float | None, int]:
+    """Return a percentile of the frames with all LEDs off, by exposure time."""
     unlit = sorted(
         (frame.line for frame in session.frames if frame.role in ("dark", "ambient")),
         key=lambda line: line.role == "ambient",
     )
-    return {line.exposure_us: line.percentiles_dn["99"] for line in unlit}
+    return {line.exposure_us: line.percentiles_dn[percentile] for line in unlit}
 
 
 def _row(

@@ -20,8 +20,9 @@ _FEWEST_LIGHTS = 3
 # Shares of saturated samples at the shortest exposure time of a light: highlights have less than
 # the first; with the second, the object itself is saturated.
 _SATURATED, _LOST = 0.01, 0.1
-# The brightest hundredth of a frame above the frame without light, relative to the full scale.
-_DARK = 0.02
+# The brightest thousandth of a frame, an object or a part of it, above that of the frame without
+# light, relative to the full scale.
+_BRIGHTEST, _DARK = "99.9", 0.02
 _LISTED = 6
 _TRIED = ("frames-missing", "frames-dark", "frames-saturated", "dark-frames-missing")
 
@@ -42,7 +43,7 @@ def _causes(session: acquisition.Session) -> Iterator[Cause]:
     for frame in session.frames:
         if frame.role == "light":
             lights.setdefault(frame.light_id, []).append(frame.line)
-    unlit, bits = dark_dn(session), session.manifest.camera.bit_depth
+    unlit, bits = dark_dn(session, _BRIGHTEST), session.manifest.camera.bit_depth
     dark = [name for name, lines in lights.items() if _level(lines, unlit, bits) < _DARK]
     clipped = {name: _clipped(lines) for name, lines in lights.items()}
     lost = [name for name, share in clipped.items() if share > _LOST]
@@ -78,7 +79,7 @@ def _causes(session: acquisition.Session) -> Iterator[Cause]:
 
 def _level(lines: Iterable[FrameLine], unlit: Mapping[float | None, int], bits: int) -> float:
     """Return the level of a light in its brightest frame, relative to the full scale."""
-    above = (line.percentiles_dn["99"] - unlit.get(line.exposure_us, 0) for line in lines)
+    above = (line.percentiles_dn[_BRIGHTEST] - unlit.get(line.exposure_us, 0) for line in lines)
     return float(max(above) / (2**bits - 1))
 
 

@@ -13,9 +13,19 @@ from typing import Any
 
 import pytest
 
-from acquisition import Session
+from acquisition import DataError, Session
 from processing.checks import Cause, Verdict
-from sgp.results import Result, dumps, good_result, recorded_verdict, verdict_record
+from rig import MAX_PIXELS
+from sgp.report import make_report, read_folder
+from sgp.results import (
+    Result,
+    dumps,
+    good_result,
+    read_record,
+    recorded_verdict,
+    verdict_record,
+    write_record,
+)
 from sgp.results.verdict import verdict_line
 from sgp.sessions import judge_frames
 from tests.cases import cases
@@ -43,7 +53,8 @@ LINES = {
     "good": (verdict(), "good: nothing was found that changes the normals by more than 1 deg"),
     "small causes": (
         verdict(GAIN, sigma_deg=1.6),
-        "good: nothing was found that changes the normals by more than 1.6 deg",
+        "good: nothing was found that changes the normals by more than 1.6 deg; their standard "
+        "deviation is 1.6 deg",
     ),
     "nothing tried": (
         verdict(tried=(), sigma_deg=nan),
@@ -100,19 +111,117 @@ def test_a_verdict_survives_json(found: Verdict, line: str) -> None:
     assert dumps(verdict_record(read)) == stored
 
 
+GOLDEN = """{
+  "verdict": "check",
+  "causes": [
+    {
+      "name": "light-gains",
+      "text": "strengths differ by 5 %",
+      "size": 0.05,
+      "unit": "",
+      "sigma": 0.01,
+      "normals_deg": 1.52,
+      "height_mm": null,
+      "remedy": "calibrate again",
+      "inverts": false,
+      "alternatives": [
+        "ambient-light"
+      ],
+      "where": ""
+    }
+  ],
+  "tested": {
+    "sigma_deg": 0.3,
+    "residual": 0.26,
+    "noise": 0.02,
+    "unexplained_deg": 0.0,
+    "tried": [
+      "gain"
+    ],
+    "not_excluded": [
+      "half-turn"
+    ],
+    "least": {
+      "gain": "1.2 %"
+    }
+  }
+}"""
+
+
+def test_json_and_records_have_the_verdict_like_this(tmp_path: Path) -> None:
+    cause = replace(GAIN, alternatives=("ambient-light",))
+    found = verdict(cause, not_excluded=("half-turn",), least={"gain": "1.2 %"})
+    assert dumps(verdict_record(found)) == GOLDEN
+    printed = json.loads(Result(verdict=found).to_json())
+    path = tmp_path / "normals.json"
+    write_record(path, "sgp test", {}, Result(verdict=found))
+    for written in (printed, json.loads(path.read_text())):
+        assert {name: written[name] for name in json.loads(GOLDEN)} == json.loads(GOLDEN)
+    assert dumps(verdict_record(read_record(path).judged)) == GOLDEN
+    assert "verdict" not in Result().to_json()
+
+
+WRONG = {
+    "another answer": {"verdict": "perfect"},
+    "a cause without a name": {"causes": [{"text": "x"}]},
+    "no table": {"tested": 3},
+}
+
+
+@cases("change", WRONG)
+def test_a_record_with_a_wrong_verdict_is_refused(change: dict[str, Any], tmp_path: Path) -> None:
+    path = tmp_path / "normals.json"
+    write_record(path, "sgp test", {}, Result(verdict=verdict(GAIN)))
+    path.write_text(json.dumps(json.loads(path.read_text()) | change))
+    with pytest.raises(DataError, match=next(iter(change))):
+        read_record(path)
+
+
 def test_causes_are_notices_with_their_effects() -> None:
     few = [str(one) for one in verdict(LIGHT, UNKNOWN, TIE).notices]
     assert few == [
-        "room light reaches 15 % of the albedo: normals change by 6.2 deg, heights change by "
-        "12 mm; repeat in the dark",
+        "room light reaches 15 % of the albedo (normals change by 6.2 deg, heights change by "
+        "12 mm); repeat in the dark",
         "the curve is doubtful",
-        "an offset (or ambient-light): normals change by 2 deg",
+        "an offset, or ambient-light (normals change by 2 deg)",
     ]
     severities = [one.severity for one in verdict(LIGHT, GAIN, UNKNOWN, sigma_deg=2).notices]
     assert severities == ["warning", "info", "warning"]
     (left,) = verdict(unexplained_deg=3).notices
     assert left.code == "residual-unexplained"
     assert "26.0% of the signal, 13.0 times the noise" in left.text
+
+
+HEADS = {
+    "good": (
+        verdict(),
+        '<div class="verdict good"><p><strong>Good</strong>: nothing was found that changes the '
+        "normals by more than 1 deg</p></div>",
+    ),
+    "check": (
+        verdict(replace(GAIN, text="<b>")),
+        '<div class="verdict check"><p><strong>Check</strong></p><ul><li>&lt;b&gt; (normals change '
+        'by 1.5 deg)<span class="remedy">calibrate again</span></li></ul></div>',
+    ),
+    "unexplained": (
+        verdict(replace(GAIN, normals_deg=0.2), unexplained_deg=3),
+        '<div class="verdict check"><p><strong>Check</strong></p><ul><li>a residual of 26.0% '
+        "of the signal, noise has 2.0%, is not explained (normals may change by 3 deg)</li></ul>"
+        "</div>",
+    ),
+}
+
+
+@cases(("found", "head"), HEADS)
+def test_the_head_of_a_report_has_the_verdict(found: Verdict, head: str, tmp_path: Path) -> None:
+    write_record(tmp_path / "normals.json", "sgp test", {}, Result(verdict=found))
+    assert head in make_report([tmp_path], max_pixels=MAX_PIXELS).html
+
+
+def test_a_result_without_a_verdict_has_no_head(tmp_path: Path) -> None:
+    write_record(tmp_path / "normals.json", "sgp test", {}, Result())
+    assert read_folder(tmp_path).verdict is None
+    assert '<div class="verdict' not in make_report([tmp_path], max_pixels=MAX_PIXELS).html
 
 
 PLAN = "leds = [0, 1, 2, 3, 4, 5]\nexposures_us = [{us}]\ndark = {dark}\n"
