@@ -15,6 +15,7 @@ from . import value_files as value_files
 from . import values as values
 from ._errors import DataError as DataError
 from ._errors import MissingPathError as MissingPathError
+from ._errors import NotAcceptedError as NotAcceptedError
 from ._errors import SessionInUseError as SessionInUseError
 from ._errors import StorageError as StorageError
 from ._errors import missing_path as missing_path

@@ -16,13 +16,13 @@ PACKAGES = ("rig", "acquisition", "calibration", "processing", "simulator", "sgp
 # top, modules.
 BUDGET = {
     "rig": (3699, 44, 58),
-    "acquisition": (14690, 62, 147),
+    "acquisition": (14970, 63, 149),
     "calibration": (10115, 30, 85),
     "processing": (18712, 61, 175),
     "simulator": (7315, 28, 65),
-    "sgp": (13899, 0, 139),
+    "sgp": (13985, 0, 140),
 }
-WORDS_OF_DOCUMENTS = 150850
+WORDS_OF_DOCUMENTS = 152050
 # Numbers of calibration/spheres that were chosen, not derived.
 TUNED_CONSTANTS = 262
 STRATA_OF_SGP = 7

@@ -14,6 +14,8 @@ from acquisition.comparison.registration import Plane, Registered, register
 from acquisition.comparison.sharpness import relative_sharpness
 from rig.arrays import Bool, Float32, Float64, UInt16
 
+# Fewest rows and columns of a frame.
+LEAST_PX: Final = 16
 # Frames are averaged over blocks until no side is longer than this.
 _LONGEST_PX: Final = 1024
 # Cells along the longer side, and the smallest cell.
@@ -31,8 +33,13 @@ _DEVIATES: Final = 6.0
 # What noise does not explain, as a share of a cell's light: interpolation, and lights that vary
 # over the frame.
 _SLACK: Final = 0.02
-# A cell does not fit either if the part of its structure that differs exceeds this share.
+# A cell does not fit either if the part of its structure that differs exceeds this share of the
+# structure and this share of the light.
 _UNLIKE: Final = 0.5
+_LEAST_STRUCTURE: Final = 0.005
+# Noise is that of the cells with the least variance among cells of one brightness.
+_EVEN: Final = 0.2
+_CELLS_OF_ONE_BRIGHTNESS: Final = 20
 # Cells at edges may deviate one by one; a part is at least this many cells that touch.
 _LEAST_CELLS: Final = 3
 _OTHER: Final = 0.01
@@ -132,8 +139,9 @@ def compare_frames(
     Shift and gain are fitted robustly to both frames, which are moved half way each (see
     Lucas and Kanade 1981; the start is found by phase correlation, Kuglin and Hines 1975). The
     frames are then compared in cells: a cell does not fit if its mean deviates by more than its
-    noise, estimated from the second differences of its own samples (Immerkaer 1996), or if most of
-    its structure differs. If the shift is not determined, cells are compared in place.
+    noise, estimated from the second differences of even cells of its brightness (Immerkaer 1996),
+    or if most of its structure differs. If the shift is not determined, cells are compared in
+    place.
 
     Examples
     --------
@@ -152,10 +160,10 @@ def compare_frames(
             "the same camera and setting"
         )
     grey = first.ndim == 2 or (first.ndim == 3 and first.shape[2] == 3)
-    if not grey or min(first.shape[:2]) < 16:
+    if not grey or min(first.shape[:2]) < LEAST_PX:
         raise DataError(
-            f"frames of {_size(first)} cannot be compared: they need at least 16 rows and columns, "
-            "and one or three channels"
+            f"frames of {_size(first)} cannot be compared: they need at least {LEAST_PX} rows and "
+            "columns, and one or three channels"
         )
     step = 2 if mosaic else 1
     block = step
@@ -246,6 +254,21 @@ def _cell_sums(values: Float32 | Bool, side: int) -> Float64:
     return np.asarray(np.add.reduceat(rows, edges[1], axis=1))
 
 
+def _noise_law(level: Float64, variance: Float64, count: Float64) -> Float64:
+    """Return the variance of the noise of each cell, which depends on its brightness only.
+
+    The least variances of cells of one brightness are those of even cells; others have structure.
+    """
+    law = variance.ravel().copy()
+    order = np.argsort(level, axis=None)
+    judged = order[count.ravel()[order] > 0]
+    groups = max(1, len(judged) // _CELLS_OF_ONE_BRIGHTNESS)
+    for group in np.array_split(judged, groups):
+        if len(group):
+            law[group] = np.minimum(law[group], np.quantile(law[group], _EVEN))
+    return np.maximum(law.reshape(level.shape), 0)
+
+
 def _without_comparison(planes: list[Plane], lit: list[bool], judged: float) -> FrameComparison:
     """Return a comparison that states only the loss of light, if there is one."""
     nan = (math.nan, math.nan)
@@ -286,8 +309,10 @@ class _Cells:
         self._product = mean(pair[0].light * pair[1].light)
         halves = -registered.shift / 2, registered.shift / 2
         self._noise = [
-            np.maximum(mean(Plane(_noise(plane.light), plane.valid).sampled(half).light), 0)
-            for plane, half in zip(planes, halves, strict=True)
+            _noise_law(
+                level, mean(Plane(_noise(plane.light), plane.valid).sampled(half).light), count
+            )
+            for plane, half, level in zip(planes, halves, self._mean, strict=True)
         ]
         moved = float(np.hypot(*registered.shift)) / max(valid.shape)
         self._slack = _SLACK + moved
@@ -314,8 +339,8 @@ class _Cells:
             return self.judged
         one, two = gain * self._mean[0], self._mean[1]
         noise = gain**2 * self._noise[0] + self._noise[1]
-        level = self._slack * np.maximum(np.abs(one), np.abs(two))
-        off = np.abs(two - one) > level + _DEVIATES * np.sqrt(noise / self._count)
+        level = np.maximum(np.abs(one), np.abs(two))
+        off = np.abs(two - one) > self._slack * level + _DEVIATES * np.sqrt(noise / self._count)
         structure = [
             gain**2 * (self._square[0] - self._mean[0] ** 2),
             self._square[1] - self._mean[1] ** 2,
@@ -324,7 +349,9 @@ class _Cells:
         left = structure[0] + structure[1] - 2 * common - noise
         # Differences of one cell's variance vary by the square root of twice its samples.
         chance = _DEVIATES * noise * np.sqrt(2 / self._count)
-        unlike = (left > _UNLIKE * (structure[0] + structure[1])) & (left > level**2 + chance)
+        least = np.square((self._slack - _SLACK + _LEAST_STRUCTURE) * level) + chance
+        total = structure[0] + structure[1] - noise
+        unlike = (left > _UNLIKE * total) & (left > least)
         apart = (self.judged & (off | unlike)).astype(np.uint8)
         _, labels, figures, _ = cv2.connectedComponentsWithStats(apart, connectivity=8)
         large = figures[:, cv2.CC_STAT_AREA] >= _LEAST_CELLS

@@ -32,6 +32,22 @@ def note(text: str) -> None:
         print(printable(text), file=STDERR)
 
 
+_STATED: set[str] = set()
+
+
+def state(notice: object) -> None:
+    """Print a notice to stderr, unless this command has printed it."""
+    line = f"note: {notice}"
+    if line not in _STATED:
+        _STATED.add(line)
+        note(line)
+
+
+def forget_stated() -> None:
+    """Begin a command, which has printed no notice."""
+    _STATED.clear()
+
+
 @functools.cache
 def terminal() -> Console:
     """Return the console that shows progress on a terminal."""
@@ -187,4 +203,4 @@ class Compiling(KernelWatch):
     def uncached(self, reason: str) -> None:
         """State that kernels cannot be kept, which also says that they are compiled."""
         self._stated = True
-        note(f"note: {reason}")
+        state(reason)
