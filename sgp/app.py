@@ -295,7 +295,9 @@ def _show(result: Any, as_json: bool) -> int:
 
 def _fail(error: BaseException, code: int, text: str, *, as_json: bool, debug: bool) -> int:
     # Callers add notes to an error, for example LEDs that are not confirmed off.
-    message = "; ".join([text, *getattr(error, "__notes__", ())])
+    finding = getattr(error, "finding", None)
+    accept = [] if finding is None else [f"--accept {finding.code} continues anyway"]
+    message = "; ".join([text, *accept, *getattr(error, "__notes__", ())])
     line = printable(" ".join(message.split()))
     if debug:
         import traceback

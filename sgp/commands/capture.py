@@ -22,17 +22,19 @@ from sgp.commands.capture_plan import chosen_plan
 from sgp.results import Result, check_folder
 from sgp.rigs import chosen_operator, chosen_rig, given_lights
 from sgp.sessions import (
+    Acceptance,
+    Accepted,
     CaptureTalk,
     MeterOptions,
     Preparation,
     ResumeCommand,
-    accept,
     can_be_retaken,
     checked_wiring,
     describe,
     judge_frames,
     left_out_notices,
     metered,
+    take_findings,
 )
 from sgp.sessions import dry_run as rehearsed
 
@@ -54,6 +56,7 @@ def run(
     lights: OptionalLights = None,
     sensor: OptionalInput = None,
     skip_check: bool = False,
+    accept: Accepted = (),
     dry_run: bool = False,
 ) -> Result:
     """Record a session on a rig.
@@ -97,12 +100,15 @@ def run(
         white level; default: that of the rig file, if it names one.
     skip_check
         Skip the checks of disk, rig and picture before the recording.
+    accept
+        Code of a finding that makes a recording useless, to record anyway; can be repeated. On a
+        terminal the command asks instead.
     dry_run
         Take every shot with all LEDs off and record nothing.
     """
     rig_name, operator_name = chosen_rig(rig), chosen_operator(operator)
     check_folder(out)
-    goal = metering.goal()
+    goal, accepting = metering.goal(), Acceptance(accept)
     given = None if lights is None else given_lights(lights, option=rig)
     measured = _measured_sensor(sensor, rig_name)
     with rigs.open_rig(rig_name) as opened:
@@ -132,7 +138,7 @@ def run(
             flight = with_progress(acquisition.preflights.preflight)(
                 opened, chosen, out, self_test=tested
             )
-            accept(flight, prepared)
+            take_findings(flight, prepared, accepting)
         prepared.warnings += acquisition.engine.camera_notices(opened, out)
         for warning in prepared.warnings:
             report(warning)
@@ -160,6 +166,7 @@ def resume(
     plan: OptionalInput = None,
     retake_damaged: Annotated[bool, Parameter(negative=())] = False,
     skip_check: bool = False,
+    accept: Accepted = (),
     dry_run: bool = False,
 ) -> Result:
     """Take the missing shots of a session.
@@ -167,7 +174,8 @@ def resume(
     Board, camera and plan must be the same as at the start of the session. List LEDs that died
     since in dead_leds of the rig file: the session can then become complete without their shots.
     The frames recorded before are verified at the same time: a session with a damaged frame does
-    not become complete.
+    not become complete. First, the last light is taken again: if another object is under the
+    camera, or it moved, nothing is changed.
 
     For example:
 
@@ -188,6 +196,9 @@ def resume(
         not have moved. The damaged files are kept in derived/set_aside.
     skip_check
         Skip the checks of disk and rig before the recording.
+    accept
+        Code of a finding that makes further frames useless, to continue anyway; can be repeated.
+        On a terminal the command asks instead.
     dry_run
         Check that the session can be resumed, take the missing shots with all LEDs off and record
         nothing.
@@ -211,18 +222,19 @@ def resume(
             return rehearsed(opened, recorded, missing)
         if begun.lost_lines:
             report(begun.lost_lines)
-        prepared = Preparation()
+        prepared, accepting = Preparation(), Acceptance(accept)
         if not skip_check:
             alive, _ = recorded.without(opened.config.dead_leds)
             flight = with_progress(acquisition.preflights.preflight_resume)(
                 opened, alive, session, len(missing)
             )
-            accept(flight, prepared)
+            take_findings(flight, prepared, accepting)
         prepared.warnings += acquisition.engine.camera_notices(opened, session)
         # An operator who resumes with only flats missing has placed the card; this does not hold
         # for damaged flats.
         only_flats = bool(missing) and all(shot.role == "flat" for shot in missing) and not damaged
-        with CaptureTalk(again, card_is_there=only_flats) as talk:
+        talking = CaptureTalk(again, card_is_there=only_flats, accepting=accepting)
+        with talking as talk:
             finished = acquisition.resume(
                 opened,
                 session,
@@ -263,10 +275,8 @@ def _opened(again: ResumeCommand, *, retake_damaged: bool) -> acquisition.Sessio
 
 def _check_plan(session: acquisition.Session, asked: acquisition.CapturePlan | None) -> None:
     """Refuse another plan than that of a complete session, for which no rig is opened."""
-    rig = session.manifest.rig
-    if asked is not None and rig is not None:
-        asked, _ = asked.without(rig.dead_leds)
-    if asked not in (None, session.manifest.plan):
+    manifest = session.manifest
+    if asked is not None and manifest.planned(asked) != manifest.plan:
         raise acquisition.DataError(
             f"{session.folder}: is complete, and was recorded with another plan: use the original "
             "plan, or record into a new folder"

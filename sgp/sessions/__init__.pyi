@@ -1,3 +1,5 @@
+from .acceptance import Acceptance as Acceptance
+from .acceptance import Accepted as Accepted
 from .operator_messages import CaptureTalk as CaptureTalk
 from .resume_command import ResumeCommand as ResumeCommand
 from .resume_command import can_be_retaken as can_be_retaken
@@ -12,7 +14,7 @@ from .simulation import record_simulated as record_simulated
 from .simulation import rendered as rendered
 from .steps import MeterOptions as MeterOptions
 from .steps import Preparation as Preparation
-from .steps import accept as accept
 from .steps import checked_wiring as checked_wiring
 from .steps import dry_run as dry_run
 from .steps import metered as metered
+from .steps import take_findings as take_findings

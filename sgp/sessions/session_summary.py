@@ -135,7 +135,7 @@ def _row(
     exposure = "-" if line.exposure_us is None else f"{line.exposure_us:g} us"
     bright_dn = line.percentiles_dn["99"]
     lit = ""
-    if line.role in ("light", "flat") and line.exposure_us in dark_dn:
+    if line.role not in ("dark", "ambient") and line.exposure_us in dark_dn:
         lit = str(bright_dn - dark_dn[line.exposure_us])
     return (
         f"{line.file:<{width}} {line.role:<7} {exposure:>11} {bright_dn:>8} {lit:>7} "

@@ -26,7 +26,7 @@ from simulator import open_rig_seeing, render, save_truth, scene_named
 from tests.cases import cases
 
 LEDS = 8
-PLAN = CapturePlan(leds=tuple(range(LEDS)), exposures_us=(9000.0,))
+PLAN = CapturePlan(repeat=False, leds=tuple(range(LEDS)), exposures_us=(9000.0,))
 
 
 @pytest.fixture(scope="module")

@@ -36,7 +36,7 @@ CAMERA = acquisition.CameraModel(
 NOISE = acquisition.NoiseModel(2.0, 5.0, 60.0, 12)
 NOTICE = Notice("mask", "text")
 FRAME = rig.CameraFrame(np.zeros((4, 5), np.uint16), 7, 123, 1000.0, 0.0, None)
-PLAN = acquisition.CapturePlan(leds=tuple(range(36)), exposures_us=(1000.0, 50.0))
+PLAN = acquisition.CapturePlan(repeat=False, leds=tuple(range(36)), exposures_us=(1000.0, 50.0))
 SOURCE = acquisition.Source(
     Path("/in"), "images", (acquisition.Frame(Path("/in/a.png"), "a", (4, 5)),), LIGHTS, MASK
 )
