@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from processing.images.viewing_rays import SurfacePoints, View, lights_of, middl
 from processing.maps.mask import mask_of_images
 from processing.near.mean_height_search import HeightWithStrengths
 from processing.near.near_height import Heights, NearHeight, height_limits
+from processing.series.light_distance import LightDistance, find_light_distance
 from processing.stereo.method import Method
 from rig import Notice, Progress, Severity
 from rig.arrays import Bool, Float32, Intp
@@ -53,6 +54,10 @@ _CAUSES = ("height-contradicted", "height-doubtful")
 # Relative error of strengths by that of a height that is found with them: on simulated objects it
 # is .05 to 1.2 %, and ten times what residuals show.
 _BY_HEIGHT = 0.01
+
+
+# Distance of lights that have only directions, mm.
+DistanceChoice = float | Literal["estimate"] | None
 
 
 class _Geometry(NamedTuple):
@@ -94,7 +99,7 @@ def geometry_of(
     *,
     rests_on_plane: bool,
     distant: bool,
-    light_distance_mm: float | None = None,
+    light_distance_mm: DistanceChoice = None,
 ) -> _Geometry:
     """Return the geometry of a source, before any image is read.
 
@@ -104,7 +109,7 @@ def geometry_of(
         If there are no lights, near lights have no scale, a height is stated for distant ones, or
         a distance for lights with positions or for distant ones.
     """
-    lights = lights_of(source, distant=distant)
+    lights, view = lights_of(source, distant=distant), None
     if light_distance_mm is not None:
         if distant or lights.near:
             kind = "distant lights" if distant else "lights with positions"
@@ -112,9 +117,11 @@ def geometry_of(
                 f"{source.path}: a distance is for lists of directions, not for {kind}: leave it "
                 "out"
             )
-        scaled = view_of(source, pixel_mm)
-        lights = lights.at_distance(light_distance_mm, middle_mm(source, scaled))
-    view = view_of(source, pixel_mm) if lights.near else None
+        view = view_of(source, pixel_mm)
+        if light_distance_mm != "estimate":
+            lights = lights.at_distance(light_distance_mm, middle_mm(source, view))
+    elif lights.near:
+        view = view_of(source, pixel_mm)
     if view is None and (height_mm is not None or rests_on_plane):
         raise DataError(
             f"{source.path}: a height matters only under lights with positions: leave it out"
@@ -214,6 +221,7 @@ class Examination:
         self.points = points
         self.near: NearHeight | None = None
         self.strengths: LightStrengths | None = None
+        self.light_distance: LightDistance | None = None
         self.excluded: tuple[str, ...] = ()
         self.warnings: list[Notice] = []
         self._doubts: list[Notice] = []
@@ -227,6 +235,14 @@ class Examination:
         if len(lit) < len(ids):
             self.warnings += _unlit_notices(self.images, self.mask, ids, lit)
             self._take(lit)
+
+    def find_light_distance(self, view: View) -> None:
+        """Find the distance of lights that have only directions."""
+        middle = middle_mm(self.source, view)
+        found = find_light_distance(self.images, self.lights, self.mask, view, middle)
+        near = found.lights(lights_of(self.source, distant=False), middle)
+        self.source, self.light_distance = replace(self.source, lights=near), found
+        self.lights = near.take([near.ids.index(name) for name in self.lights.ids])
 
     def find_surface(self, *, semi_calibrated: bool) -> None:
         """Find the points of the surface, and the strengths of the lights if they are not known."""

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from acquisition import MapRows, Source
+from acquisition import DataError, MapRows, Source
 from acquisition.files import BandStore, MemoryMaps, check_unfinished, rows_in_bands
 from acquisition.source import setup_notices
 from calibration import Stack, linear_stack, open_stack
@@ -39,12 +39,14 @@ from processing.recording.error_bars import (
     validity_notices,
 )
 from processing.recording.examination import (
+    DistanceChoice,
     Examination,
     check_facing,
     examination_of,
     geometry_of,
 )
 from processing.recording.reconstruction import Reconstruction, finished_maps
+from processing.series.light_distance import LightDistance
 from processing.stages.stage import Need
 from processing.stereo.method import Method, StereoChannel
 from processing.stereo.normals_and_albedo import check_solved
@@ -118,7 +120,8 @@ class NormalsStage:
     light_distance_mm
         Distance of lights that have only directions, such as those of a dome, from the middle of
         the object: the point of the working plane in the middle of the complete images, for which
-        directions and intensities are stated. The lights are then near lights.
+        directions and intensities are stated. The lights are then near lights. ``estimate``: find
+        it in the images, see `find_light_distance`.
     height_mm
         Mean height of the object above the working plane, if it is known. Only for near lights.
     rests_on_plane
@@ -149,7 +152,7 @@ class NormalsStage:
     method: Method = "best"
     channel: StereoChannel = "gray"
     distant: bool = False
-    light_distance_mm: float | None = None
+    light_distance_mm: DistanceChoice = None
     height_mm: float | None = None
     rests_on_plane: bool = False
     pixel_mm: float | None = None
@@ -184,7 +187,8 @@ class NormalsStage:
             distant=self.distant,
             light_distance_mm=self.light_distance_mm,
         )
-        if self.light_distance_mm is not None:
+        self._check(source)
+        if geometry.lights.near and self.light_distance_mm is not None:
             source = replace(source, lights=geometry.lights)
         if files is not None and not files.replace:
             check_unfinished(files.path, files.identity)
@@ -194,6 +198,10 @@ class NormalsStage:
             examined, of_mask = examination_of(source, stack, geometry, self.method, on_progress)
             del stack  # the examination may replace it
             examined.leave_out_unlit()
+            if self.light_distance_mm == "estimate" and geometry.view is not None:
+                examined.find_light_distance(geometry.view)
+            elif self.light_distance_mm is not None:
+                examined.light_distance = LightDistance(float(self.light_distance_mm))
             examined.find_surface(semi_calibrated=self.semi_calibrated)
             quality = examined.check(exclude_disagreeing=self.exclude_disagreeing)
             in_colour = examined.images.in_colour
@@ -233,6 +241,7 @@ class NormalsStage:
             source, lights, near = examined.source, examined.lights, examined.near
             points, used = examined.points, examined.images.ids
             strengths, excluded = examined.strengths, examined.excluded
+            light_distance = examined.light_distance
             del examined  # by far the largest arrays; what follows does not need them
         if pattern is not None:
             albedo = albedo_of_sites(made["gray_albedo"][:], valid, pattern)
@@ -255,13 +264,21 @@ class NormalsStage:
             verdict=verdict,
             excluded=excluded,
             strengths=strengths,
-            light_distance_mm=self.light_distance_mm,
+            light_distance=light_distance,
             error=_error(source, made["normals"], valid, mask),
             previews=previews,
             near_height=near,
             warnings=warnings,
             store=store,
         )
+
+    def _check(self, source: Source) -> None:
+        """Refuse choices that exclude each other, by `DataError`."""
+        if self.light_distance_mm == "estimate" and self.semi_calibrated:
+            raise DataError(
+                f"{source.path}: the strengths of the lights and their distance cannot both be "
+                "estimated: state one of them"
+            )
 
     def _solve(
         self,
@@ -309,7 +326,7 @@ def reconstruct(
     method: Method = "best",
     channel: StereoChannel = "gray",
     distant: bool = False,
-    light_distance_mm: float | None = None,
+    light_distance_mm: DistanceChoice = None,
     height_mm: float | None = None,
     rests_on_plane: bool = False,
     pixel_mm: float | None = None,
@@ -345,7 +362,8 @@ def reconstruct(
     light_distance_mm
         Distance of lights that have only directions, such as those of a dome, from the middle of
         the object: the point of the working plane in the middle of the complete images, for which
-        directions and intensities are stated. The lights are then near lights.
+        directions and intensities are stated. The lights are then near lights. ``estimate``: find
+        it in the images, see `find_light_distance`.
     height_mm
         Mean height of the object above the working plane, if it is known. Only for near lights.
     rests_on_plane

@@ -19,6 +19,7 @@ from processing.near.near_height import NearHeight
 from processing.noise.normal_errors import NormalUncertainty, in_degrees, valid_reasons
 from processing.noise.pixel_variances import Origin
 from processing.noise.sample_kind import SampleKind
+from processing.series.light_distance import LightDistance
 from processing.surface.height_map import HeightMap
 from rig import Notice
 from rig.arrays import AnyArray, Bool, Float32, UInt16
@@ -56,9 +57,9 @@ class Reconstruction:
         Names of the images that were left out because they disagree with the others.
     strengths
         Strengths of the lights, if they were estimated.
-    light_distance_mm
+    light_distance
         Distance of the lights from the middle of the object, if they had only directions and it was
-        stated; `source` and `lights` have their positions.
+        stated or estimated; `source` and `lights` have their positions.
     error
         Error of the normals over `mask`; None if the source has no ground truth.
     previews
@@ -84,7 +85,7 @@ class Reconstruction:
     verdict: Verdict
     excluded: tuple[str, ...]
     strengths: LightStrengths | None
-    light_distance_mm: float | None
+    light_distance: LightDistance | None
     error: AngularError | None
     previews: tuple[MapRows, ...]
     near_height: NearHeight | None

@@ -135,6 +135,8 @@ class NormalsMetrics(QualityMetrics):
         for the height if it was found with them
     light_distance_mm : mm
         `--light-distance-mm`: distance of the lights from the middle of the object
+    light_distance_sigma_mm : mm
+        standard deviation of this distance, if it was estimated
     """
 
     images: int
@@ -156,6 +158,7 @@ class NormalsMetrics(QualityMetrics):
     excluded: NotRequired[list[str]]
     strength_sigma: NotRequired[float]
     light_distance_mm: NotRequired[float]
+    light_distance_sigma_mm: NotRequired[float]
 
 
 class SeparationMetrics(TypedDict):

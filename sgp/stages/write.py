@@ -95,8 +95,8 @@ def _write_lights(
     chosen: dict[str, object] = {}
     if stage.strengths is not None:
         chosen["semi_calibrated"] = True
-    if stage.light_distance_mm is not None:
-        chosen["light_distance_mm"] = stage.light_distance_mm
+    if stage.light_distance is not None:
+        chosen["light_distance_mm"] = stage.light_distance.distance_mm
     if chosen and lights is not None:
         result.outputs["lights"] = path
         made_by = provenance(command, {"source": stage.source.path, **chosen}, files)
@@ -165,8 +165,11 @@ def _strength_line(strengths: processing.checks.LightStrengths | None) -> list[s
 def _distance_line(metrics: NormalsMetrics) -> list[str]:
     if "light_distance_mm" not in metrics:
         return []
-    away = metrics["light_distance_mm"]
-    return [f"lights {away:.0f} mm from the middle of the object: their positions are written"]
+    away, sigma = metrics["light_distance_mm"], metrics.get("light_distance_sigma_mm")
+    known = "" if sigma is None else f" (sd {sigma:.2g})"
+    return [
+        f"lights {away:.0f} mm{known} from the middle of the object: their positions are written"
+    ]
 
 
 def normals_metrics(stage: processing.Reconstruction) -> NormalsMetrics:
@@ -191,8 +194,10 @@ def normals_metrics(stage: processing.Reconstruction) -> NormalsMetrics:
         metrics["excluded"] = list(stage.excluded)
     if stage.strengths is not None:
         metrics["strength_sigma"] = float(np.median(stage.strengths.sigmas))
-    if stage.light_distance_mm is not None:
-        metrics["light_distance_mm"] = stage.light_distance_mm
+    if stage.light_distance is not None:
+        metrics["light_distance_mm"] = stage.light_distance.distance_mm
+        if stage.light_distance.sigma_mm:
+            metrics["light_distance_sigma_mm"] = stage.light_distance.sigma_mm
     if stage.error is not None:
         metrics["coverage"] = stage.error.coverage
         metrics["mae_deg"] = stage.error.mae_deg

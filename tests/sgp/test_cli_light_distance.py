@@ -117,12 +117,39 @@ def test_a_run_has_the_height_of_the_object(sgp, folder, tmp_path):
         "positions": (
             ("--pixel-mm", 2.5, "--lights", "../near.json"), 4, "not for lights with positions"
         ),
+        "two estimates": (
+            ("--pixel-mm", 2.5, "--light-distance-mm", "estimate", "--semi-calibrated"), 4,
+            "cannot both be estimated: state one of them",
+        ),
+        "a word": (("--light-distance-mm", "far"), 2, "far is not a number"),
     },
 )  # fmt: skip
 def test_what_a_distance_does_not_fit_is_one_line(
     sgp, folder, tmp_path, monkeypatch, options, code, text
 ):
     monkeypatch.chdir(folder)
-    answer = sgp("normals", folder, "--light-distance-mm", 400, *options, "--out", tmp_path / "out")
+    if "--light-distance-mm" not in options:
+        options = ("--light-distance-mm", 400, *options)
+    answer = sgp("normals", folder, *options, "--out", tmp_path / "out")
     assert text in answer.error_line(code)
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_estimated_distance_is_within_its_deviation(sgp, folder, tmp_path):
+    out = tmp_path / "out"
+    given = ("--light-distance-mm", "estimate", "--out", out, "--json")
+    metrics = sgp(*words(folder), *given).figures()
+    sigma = metrics["light_distance_sigma_mm"]
+    assert sigma < 0.05 * DISTANCE
+    assert metrics["light_distance_mm"] == pytest.approx(DISTANCE, abs=2 * sigma)
+    found = read_normals(out).normal_map.normals
+    assert angle_deg(found, NORMALS)[KNOWN].mean() < 0.8
+    errors = read_lights(out / "lights.json").errors
+    assert np.allclose(np.trace(errors.covariances, axis1=1, axis2=2), sigma**2)
+
+
+def test_an_object_that_shows_no_distance_is_one_line(sgp, folder, tmp_path):
+    given = ("--light-distance-mm", "estimate", "--crop", "30,24,7,7")
+    line = sgp(*words(folder), *given, "--out", tmp_path / "out").error_line(5)
+    assert "only 49 blocks of the object are lit by 5 lights: at least 60 are required" in line
     assert not (tmp_path / "out").exists()
