@@ -22,8 +22,8 @@ def summary(table: Table) -> Iterator[str]:
     yield f"{len(list(table.imperfect()))} imperfect recordings, {len(harmful)} of them harmful"
     yield f"harmful and shown by the images: {_counts(shown)}"
     hidden = [row for row in single if not row.shown]
-    listed = sum(row.listed or row.named for row in hidden)
-    yield f"harmful and not shown by them:   {listed} of {len(hidden)} listed as not excluded"
+    known = sum(row.listed or row.named for row in hidden)
+    yield f"harmful and not shown by them:   {known} of {len(hidden)} listed as not excluded"
     yield f"harmful pairs of imperfections:  {_counts(pairs)}"
     yield ""
     yield from _by("imperfection", shown, lambda row: row.key.case)

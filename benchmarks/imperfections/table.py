@@ -169,6 +169,6 @@ def _row(columns: dict[str, str]) -> Row:
     return Row(
         Key(*(columns[name] for name in _KEYS)),
         columns["lights"],
-        *(columns[name] == _YES for name in _JUDGED),
         outcome=Outcome.of(columns),
+        **{name: columns[name] == _YES for name in _JUDGED},
     )
