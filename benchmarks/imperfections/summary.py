@@ -21,7 +21,9 @@ def summary(table: Table) -> Iterator[str]:
     shown = [row for row in single if row.shown]
     yield f"{len(list(table.imperfect()))} imperfect recordings, {len(harmful)} of them harmful"
     yield f"harmful and shown by the images: {_counts(shown)}"
-    yield f"harmful and not shown by them:   {_counts([r for r in single if not r.shown])}"
+    hidden = [row for row in single if not row.shown]
+    known = sum(row.listed or row.named for row in hidden)
+    yield f"harmful and not shown by them:   {known} of {len(hidden)} listed as not excluded"
     yield f"harmful pairs of imperfections:  {_counts(pairs)}"
     yield ""
     yield from _by("imperfection", shown, lambda row: row.key.case)

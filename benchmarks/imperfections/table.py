@@ -50,12 +50,15 @@ class Row:
         Whether the images can show the imperfection.
     named
         Whether the verdict names it among the first two causes or their alternatives.
+    listed
+        Whether the verdict lists it among the causes that the images cannot show.
     """
 
     key: Key
     lights: str
     shown: bool
     named: bool
+    listed: bool
     outcome: Outcome
 
     @classmethod
@@ -69,6 +72,7 @@ class Row:
             f"{len(recording.lights)} {kind}",
             all(case.shown_by(recording) for case in cases),
             any(case.named_in(found, recording) for case in cases),
+            any(case.named_in(outcome.not_excluded.split(), recording) for case in cases),
             outcome,
         )
 
@@ -108,6 +112,7 @@ def _names(outcome: Outcome) -> set[str]:
 
 _UNEXPLAINED = "residual-unexplained"
 _KEYS = ("scene", "seed", "case", "strength")
+_JUDGED, _YES = ("shown", "named", "listed"), "yes"
 
 
 class Table:
@@ -156,19 +161,14 @@ class Table:
 
 def _columns(row: Row) -> dict[str, str]:
     key = {name: getattr(row.key, name) for name in _KEYS}
-    judged = {
-        "lights": row.lights,
-        "shown": "yes" if row.shown else "no",
-        "named": "yes" if row.named else "no",
-    }
-    return key | judged | row.outcome.columns()
+    judged = {name: _YES if getattr(row, name) else "no" for name in _JUDGED}
+    return key | {"lights": row.lights} | judged | row.outcome.columns()
 
 
 def _row(columns: dict[str, str]) -> Row:
     return Row(
         Key(*(columns[name] for name in _KEYS)),
         columns["lights"],
-        columns["shown"] == "yes",
-        columns["named"] == "yes",
-        Outcome.of(columns),
+        outcome=Outcome.of(columns),
+        **{name: columns[name] == _YES for name in _JUDGED},
     )

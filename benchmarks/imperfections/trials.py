@@ -35,6 +35,8 @@ class Outcome:
     causes
         Names of the causes of the verdict, the most harmful first; each with its alternatives
         after ``/``.
+    not_excluded
+        Names of the causes that these images cannot show, as the verdict lists them.
     codes
         Codes of all notices.
     remedy
@@ -51,6 +53,7 @@ class Outcome:
     sigma_deg: float = NAN
     answer: str = "refused"
     causes: str = ""
+    not_excluded: str = ""
     codes: str = ""
     remedy: str = ""
     remedied_deg: float = NAN
@@ -101,6 +104,7 @@ class Trial:
             sigma_deg=_median(result.uncertainty.sigma_deg[result.valid]),
             answer=verdict.answer,
             causes=" ".join("/".join((one.name, *one.alternatives)) for one in verdict.causes),
+            not_excluded=" ".join(verdict.not_excluded),
             codes=" ".join(sorted({notice.code for notice in result.warnings})),
             remedy=remedies[0].options if remedies else "",
             remedied_deg=_remedied_deg(recording, remedies[0]) if remedies else NAN,

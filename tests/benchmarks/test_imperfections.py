@@ -66,6 +66,16 @@ def test_the_truth_of_turned_images_is_the_one_in_them(name, signs):
     np.testing.assert_allclose(changed.images, 0.6 * shaded(changed.normals, directions), atol=1e-6)
 
 
+@pytest.mark.parametrize("near", [True, False], ids=["near", "distant"])
+def test_lights_with_a_wrong_sign_shine_on_a_mirrored_object(near):
+    clean = ball(near=near)
+    lights = CASES["lights_y_sign"].change(clean, 1).lights
+    points = np.array([[20.0, 30.0, 5.0]])
+    np.testing.assert_allclose(
+        lights.vectors_at(points * Y_SIGN), clean.lights.vectors_at(points) * Y_SIGN, rtol=1e-9
+    )
+
+
 @cases(
     ("name", "strength", "expected"),
     {
