@@ -20,6 +20,8 @@ _LARGEST = 0.5
 # Residual after a change of the arrangement, relative to the given one.
 _BETTER = 0.5
 _FEWEST_LIGHTS = 6
+# A smaller residual needs no other arrangement.
+_GOOD = 0.03
 _TURNS = (
     ("images-turned", "upside down", (-1, -1, 1)),
     ("lights-mirrored", "mirrored left to right", (-1, 1, 1)),
@@ -38,14 +40,14 @@ class Arrangement(NamedTuple):
         How the images are now: "upside down", "in reverse order".
     residual
         What it leaves of the images.
-    vectors
-        ``(P, N, 3)`` light vectors at all blocks.
+    lights
+        The lights in this arrangement.
     """
 
     name: str
     text: str
     residual: float
-    vectors: Float64
+    lights: Lights
 
     @property
     def turned(self) -> bool:
@@ -83,18 +85,21 @@ def better_arrangement(model: BlockModel, samples: Float64, lights: Lights) -> A
     if count < _FEWEST_LIGHTS:
         return None
     # The surface was found under the given arrangement: others see a plane.
-    points = model.points.copy()
-    points[:, 2] = points[some, 2].mean()
-    flat = light_vectors(lights, points)
-    samples = samples[some]
-    given = min(residual_of(samples, vectors[some]) for vectors in (model.vectors, flat))
+    points = model.points[some].copy()
+    points[:, 2] = points[:, 2].mean()
+    flat, samples = light_vectors(lights, points), samples[some]
+    given = min(residual_of(samples, vectors) for vectors in (model.vectors[some], flat))
+    if given < _GOOD:
+        return None
     found = []
     for name, text, signs in _TURNS:
-        vectors = light_vectors(_mirrored(lights, np.array(signs)), points)
-        found.append(Arrangement(name, text, residual_of(samples, vectors[some]), vectors))
+        turned = _mirrored(lights, np.array(signs))
+        residual = residual_of(samples, light_vectors(turned, points))
+        found.append(Arrangement(name, text, residual, turned))
     for text, order in _orders(count):
-        residual = residual_of(samples, flat[some][:, order])
-        found.append(Arrangement("lights-shuffled", text, residual, flat[:, order]))
+        residual = residual_of(samples, flat[:, order])
+        taken = lights.take([int(i) for i in order])
+        found.append(Arrangement("lights-shuffled", text, residual, taken))
     best = min(found, key=lambda one: one.residual)
     return best if best.residual < _BETTER * given else None
 

@@ -87,6 +87,11 @@ class NormalEquations:
             inside = np.flatnonzero(part == i)
             self._add(i, inside, columns.of(blocks[inside]))
         self._used = np.flatnonzero(self._count > 0)
+        rows, across = np.divmod(self._used, _PARTS)
+        fold = (rows // 2 * 7 + across // 2 * 3) % _FOLDS
+        folds = [self._used[fold == i] for i in range(_FOLDS)]
+        self._sums = self._summed(self._used)
+        self._folds = [self._summed(one) for one in folds if 0 < len(one) < len(self._used)]
         self.samples = float(self._count.sum())
 
     def _add(self, part: int, inside: Intp, columns: Float64) -> None:
@@ -107,43 +112,42 @@ class NormalEquations:
         self._count[part] = np.count_nonzero(weights) - 3 * len(blocks)
         self.answers[inside] = -answer
 
-    @cached_property
-    def _sums(self) -> tuple[Float64, Float64, float]:
-        return self._products.sum(axis=0), self._scores.sum(axis=0), float(self._squares.sum())
+    def _summed(self, parts: Intp) -> tuple[Float64, Float64]:
+        return self._products[parts].sum(axis=0), self._scores[parts].sum(axis=0)
 
     def _solved(
-        self, basis: Float64, widths: Float64, parts: Intp | None, variance: float
+        self,
+        basis: Float64,
+        widths: Float64,
+        variance: float,
+        sums: tuple[Float64, Float64] | None = None,
     ) -> tuple[Float64, Float64, Float64]:
-        products, scores, _ = self._sums
-        if parts is not None:
-            products, scores = self._products[parts].sum(axis=0), self._scores[parts].sum(axis=0)
+        products, scores = sums or self._sums
         matrix = basis.T @ products @ basis
         ridge = np.diag(variance / widths**2) + _RIDGE * np.trace(matrix) * np.eye(len(matrix))
         return np.linalg.solve(matrix + ridge, basis.T @ scores), matrix, ridge
 
-    def _gain(self, change: Float64, parts: Intp | None = None) -> float:
-        products, scores, _ = self._sums
-        if parts is not None:
-            products, scores = self._products[parts].sum(axis=0), self._scores[parts].sum(axis=0)
+    def _gain(self, change: Float64, sums: tuple[Float64, Float64] | None = None) -> float:
+        products, scores = sums or self._sums
         return float(2 * change @ scores - change @ products @ change)
 
     @property
     def squares(self) -> float:
         """Squared residual of normals and albedo alone."""
-        return self._sums[2]
+        return float(self._squares.sum())
 
     def nuisance_sizes(self) -> Float64:
         """Return ``(m,)`` the nuisances alone."""
         variance = self.squares / self.samples
-        return self._solved(self.nuisances, self.widths, None, variance)[0]
+        return self._solved(self.nuisances, self.widths, variance)[0]
 
     @cached_property
     def base(self) -> float:
         """Squared residual with the nuisances alone."""
-        squares = self._sums[2]
+        squares = self.squares
         if not self.nuisances.shape[1]:
             return squares
-        found, _, _ = self._solved(self.nuisances, self.widths, None, squares / self.samples)
+        found, _, _ = self._solved(self.nuisances, self.widths, squares / self.samples)
         return squares - self._gain(self.nuisances @ found)
 
     def design_effect(self, flexible: Float64, judged: Float64, widths: Float64) -> float:
@@ -156,8 +160,8 @@ class NormalEquations:
         judged
             ``(Q, j)`` columns whose scores are compared with those of independent samples.
         """
-        squares = self._sums[2]
-        found, _, _ = self._solved(flexible, widths, None, squares / self.samples)
+        squares = self.squares
+        found, _, _ = self._solved(flexible, widths, squares / self.samples)
         change = flexible @ found
         left = max(squares - self._gain(change), 1e-12) / self.samples
         scores = (self._scores[self._used] - self._products[self._used] @ change) @ judged
@@ -182,8 +186,8 @@ class NormalEquations:
         left = self.base
         for _ in range(2):
             variance = left / self.samples * design_effect
-            found, matrix, ridge = self._solved(basis, expected, None, variance)
-            left = max(self._sums[2] - self._gain(basis @ found), 1e-12)
+            found, matrix, ridge = self._solved(basis, expected, variance)
+            left = max(self.squares - self._gain(basis @ found), 1e-12)
         information = np.linalg.slogdet(matrix + ridge)[1] - np.linalg.slogdet(ridge)[1]
         before = 0.0
         if known:
@@ -207,18 +211,14 @@ class NormalEquations:
 
     def _foreseen(self, basis: Float64, widths: Float64, variance: float) -> float:
         """Return the share that is explained in parts of the object that were left out."""
-        rows, across = np.divmod(self._used, _PARTS)
-        fold = (rows // 2 * 7 + across // 2 * 3) % _FOLDS
         known = self.nuisances.shape[1]
         gain = 0.0
-        for i in range(_FOLDS):
-            others, own = self._used[fold != i], self._used[fold == i]
-            if not len(own) or not len(others):
-                continue
-            found, _, _ = self._solved(basis, widths, others, variance)
+        for own in self._folds:
+            others = self._sums[0] - own[0], self._sums[1] - own[1]
+            found, _, _ = self._solved(basis, widths, variance, others)
             gain += self._gain(basis @ found, own)
             if known:
-                found, _, _ = self._solved(self.nuisances, self.widths, others, variance)
+                found, _, _ = self._solved(self.nuisances, self.widths, variance, others)
                 gain -= self._gain(self.nuisances @ found, own)
         return gain / self.squares
 
@@ -247,7 +247,7 @@ class NormalEquations:
         basis = np.hstack([self.nuisances, cause])
         variance = self.base / self.samples
         _, matrix, ridge = self._solved(
-            basis, np.concatenate([self.widths, widths]), None, variance * design_effect
+            basis, np.concatenate([self.widths, widths]), variance * design_effect
         )
         known = self.nuisances.shape[1]
         left = matrix[known, known]

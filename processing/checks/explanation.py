@@ -113,7 +113,8 @@ def explain(
         return Explanation()
     better = better_arrangement(model, samples, lights)
     if better is not None:
-        changed = fit_blocks(samples, better.vectors, points, places, shape)
+        vectors = light_vectors(better.lights, points)
+        changed = fit_blocks(samples, vectors, points, places, shape)
         cause = _arranged(better, _angle_deg(model, changed))
         return Explanation((cause,), model.relative_residual, 1.0, (cause.name,))
     causes: list[Cause] = []
@@ -340,8 +341,7 @@ class _Contest:
         lower, upper = (each.height[both].astype(np.float64) for each in maps)
         rise = 0.0
         if "height" in self._columns.names:
-            column = self._columns.names.index("height")
-            rise = fitted.change[column] - self._equations.nuisance_sizes()[0]
+            rise = float(fitted.change[self._columns.names.index("height")])
         return float(np.hypot(np.std(upper - lower) * pixel, rise))
 
     def _limits(
