@@ -22,11 +22,16 @@ _BETTER = 0.5
 _FEWEST_LIGHTS = 6
 # A smaller residual needs no other arrangement.
 _GOOD = 0.03
-_TURNS = (
-    ("images-turned", "upside down", (-1, -1, 1)),
-    ("lights-mirrored", "mirrored left to right", (-1, 1, 1)),
-    ("lights-mirrored", "mirrored top to bottom", (1, -1, 1)),
-)
+_TURNS = {
+    "upside down": (-1, -1, 1),
+    "mirrored left to right": (-1, 1, 1),
+    "mirrored top to bottom": (1, -1, 1),
+}
+_CODES: dict[str, str] = {
+    "upside down": "images-turned",
+    "mirrored left to right": "lights-mirrored",
+    "mirrored top to bottom": "lights-mirrored",
+}
 
 
 class Arrangement(NamedTuple):
@@ -92,10 +97,10 @@ def better_arrangement(model: BlockModel, samples: Float64, lights: Lights) -> A
     if given < _GOOD:
         return None
     found = []
-    for name, text, signs in _TURNS:
+    for text, signs in _TURNS.items():
         turned = _mirrored(lights, np.array(signs))
         residual = residual_of(samples, light_vectors(turned, points))
-        found.append(Arrangement(name, text, residual, turned))
+        found.append(Arrangement(_CODES[text], text, residual, turned))
     for text, order in _orders(count):
         residual = residual_of(samples, flat[:, order])
         taken = lights.take([int(i) for i in order])

@@ -98,7 +98,7 @@ KINDS = {
         180 / np.pi,
         "check the frame of the lights, or calibrate them again",
     ),
-    "lights-near": Kind(
+    "lights-not-distant": Kind(
         "the lights are about {size} away, not distant: their light falls off over the object",
         "mm",
         1,
@@ -190,7 +190,7 @@ def hypotheses_of(columns: Columns, unit: Float64) -> list[Hypothesis]:
         add("images-moved", basis, _SHIFT, general="image-shifted", first=first)
     add("lights-tilted", of("turn x", "turn y"), _TURN)
     if "near" in columns.names:
-        add("lights-near", of("near", "near height"), _NEAR)
+        add("lights-not-distant", of("near", "near height"), _NEAR)
     else:
         add("lights-displaced", of("shift x", "shift y"), _PLACE)
         add("light-distance", of("shift z"), _PLACE)

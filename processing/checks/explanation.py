@@ -298,7 +298,7 @@ class _Contest:
     def _size_of(self, hypothesis: Hypothesis, fitted: Fitted) -> tuple[float, float, str]:
         """Return size and standard deviation in units of the columns, and images that stand out."""
         if hypothesis.general or hypothesis.name not in ("light-brightness", "image-shifted"):
-            if hypothesis.name == "lights-near":
+            if hypothesis.name == "lights-not-distant":
                 # The distance follows from its reciprocal.
                 size = float(np.ptp(self._model.points[:, :2], axis=0).max())
                 share = fitted.sigma[0] / max(abs(float(fitted.size[0])), 1e-9)

@@ -21,6 +21,7 @@ from rig import Notice
 from rig.arrays import Bool, Float64
 
 _FEWEST_IMAGES = 4
+_COMPARED = {"transfer-curve-doubtful", "height-doubtful"}
 _REMEDIES = {
     "image-disagrees": "look at the image, record it again, or leave it out",
     "lights-mirrored": "check the axes of the lights",
@@ -72,8 +73,11 @@ def judge(
         Stated standard deviation of the normals: the median, in degrees; NaN if it is not known.
     """
     found = _explained(examined)
-    named = {cause.name for cause in found.causes}
-    others = [notice for notice in (*doubts, *quality.warnings) if notice.code not in named]
+    known = {cause.name for cause in found.causes}
+    if found.tried:
+        # Those that explain the images have been compared with others, and found to be less likely.
+        known |= _COMPARED
+    others = [notice for notice in (*doubts, *quality.warnings) if notice.code not in known]
     causes = [*found.causes, *(_cause(examined, quality, notice) for notice in others)]
     # The causes that an unknown effect makes harmful, too, before smaller ones.
     causes.sort(key=lambda cause: -np.nan_to_num(cause.normals_deg, nan=np.inf))
@@ -82,6 +86,8 @@ def judge(
         sigma_deg=sigma_deg,
         residual=quality.residual,
         noise=quality.consistency,
+        # Standard deviations contain an estimate of what residuals do.
+        unexplained_deg=float(sigma_deg * np.sqrt(found.unexplained)),
         tried=(*found.tried, *_tried(quality)),
         not_excluded=found.not_excluded,
         least=found.least,
@@ -92,7 +98,7 @@ def _explained(examined: Examined) -> Explanation:
     images, lights, mask, points, view, source = examined
     cells = cells_of(images, mask, points)
     camera = source.camera
-    pixel_mm = None
+    pixel_mm = getattr(view, "pixel_mm", None)
     if camera is not None and camera.working_distance_mm is not None:
         pixel_mm = camera.working_distance_mm / float(camera.K[0, 0])
     return explain(cells, lights, _strengths(source, lights), view, pixel_mm)

@@ -157,10 +157,12 @@ class Verdict:
         matters = self.matters_deg
         found = [_notice(cause, matters) for cause in self.causes]
         if self.unexplained_deg > matters:
-            times = self.residual / self.noise
+            times = ""
+            if self.noise > 0:
+                times = f", {self.residual / self.noise:.1f} times the noise,"
             text = (
-                f"a residual of {self.residual:.1%} of the signal, {times:.1f} times the noise, is "
-                f"not explained: no cause found among {', '.join(self.tried)}"
+                f"a residual of {self.residual:.1%} of the signal{times} is not explained: no "
+                f"cause found among {', '.join(self.tried)}"
             )
             found.append(Notice("residual-unexplained", text))
         return tuple(found)

@@ -137,7 +137,7 @@ def _(r: Recording) -> None:
     r.images = r.images[:, :, ::-1]
 
 
-@change("lights-near")
+@change("lights-not-distant")
 def _(r: Recording) -> None:
     r.lights = replace(
         Lights(directions=r.lights.unit_directions), intensities=r.lights.intensities

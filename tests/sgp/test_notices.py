@@ -15,9 +15,9 @@ from rig import Notice
 
 ROOT = Path(__file__).parents[2]
 ROOMS = ("rig", "acquisition", "calibration", "processing", "simulator", "sgp")
-_NOTICED = re.compile(r"Notice\(|Cause\(")
+_NOTICED = re.compile(r"Notice\(|Cause\(|Kind\(|Arrangement\(")
 # Codes of other notices or causes, which have their own place.
-_COPIED = ("cause.name", "notice.code")
+_COPIED = ("cause.name", "notice.code", "better.name", "hypothesis.name")
 # Modules whose notices become causes, whose severity depends on what they do.
 _JUDGED = ("curve_check.py", "quality.py", "scheme_check.py")
 _SEVERITIES = ("info", "warning", "error")
@@ -37,7 +37,7 @@ def _used_in(tree: ast.Module) -> Iterator[Used]:
         if isinstance(node, ast.Call):
             called = node.func
             name = called.attr if isinstance(called, ast.Attribute) else getattr(called, "id", "")
-            if name not in ("Notice", "Cause"):
+            if name not in ("Notice", "Cause", "Arrangement"):
                 continue
             words = {word.arg: word.value for word in node.keywords}
             given = words.get("code", words.get("name"))
@@ -59,6 +59,11 @@ def _used_in(tree: ast.Module) -> Iterator[Used]:
             and ast.unparse(node.target) == "_CODES"
         ):
             table = [ast.literal_eval(value) for value in node.value.values]
+        elif isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "KINDS":
+            kinds = node.value
+            assert isinstance(kinds, ast.Dict)
+            for kind in filter(None, kinds.keys):
+                yield ast.literal_eval(kind), frozenset(("info", "warning"))
     if indirect:
         assert table
         yield from ((code, indirect) for code in table)
