@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import astuple, dataclass, fields
+from inspect import signature
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -12,7 +13,7 @@ from acquisition import DataError, angle_deg
 from benchmarks.imperfections.recordings import NAN, Recording
 from benchmarks.imperfections.remedies import Remedy
 from calibration import EstimateError
-from processing import Reconstruction
+from processing import Reconstruction, reconstruct
 from processing.checks import Cause, Verdict
 from rig.arrays import Bool, Float32
 
@@ -128,7 +129,9 @@ def _reconstructed(recording: Recording, remedy: Remedy | None = None) -> Recons
 
 
 def _remedied_deg(recording: Recording, remedy: Remedy) -> float:
-    """Return the error with the options of a remedy; a right angle if it is refused."""
+    """Return the error with the options of a remedy; 90 if they are refused or do not exist."""
+    if not remedy.keywords.keys() <= signature(reconstruct).parameters.keys():
+        return 90.0
     try:
         return _error_deg(_reconstructed(recording, remedy), recording)
     except (DataError, EstimateError):
