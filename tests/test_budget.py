@@ -19,7 +19,7 @@ BUDGET = {
     "acquisition": (14226, 60, 143),
     "calibration": (10115, 30, 85),
     "processing": (18712, 61, 175),
-    "simulator": (7315, 28, 65),
+    "simulator": (7323, 28, 65),
     "sgp": (13899, 0, 139),
 }
 WORDS_OF_DOCUMENTS = 150774
