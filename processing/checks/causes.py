@@ -23,6 +23,8 @@ class Kind(NamedTuple):
 
     Parameters
     ----------
+    noun
+        What it is: "room light".
     text
         What is wrong; ``{size}`` stands for its size with its unit.
     unit
@@ -34,6 +36,7 @@ class Kind(NamedTuple):
         What to do.
     """
 
+    noun: str
     text: str
     unit: str
     scale: float
@@ -42,69 +45,84 @@ class Kind(NamedTuple):
 
 KINDS = {
     "ambient-light": Kind(
+        "room light",
         "room light of {size} of a lamp's light reaches the object",
         "%",
         100,
         "record in the dark or subtract a dark frame, or give --ambient estimate",
     ),
     "black-level": Kind(
+        "an offset of all samples",
         "the samples have an offset of {size} of the bright parts",
         "%",
         100,
         "subtract the black level or a dark frame",
     ),
     "transfer-curve-doubtful": Kind(
+        "another transfer curve",
         "the samples follow the light to the power of {size} of what was assumed",
         "",
         1,
         "check the transfer curve: --gamma",
     ),
     "light-brightness": Kind(
+        "wrong strengths of the lights",
         "the strengths of the lights are off by {size}",
         "%",
         100,
         "calibrate the strengths, or give --semi-calibrated",
     ),
     "brightness-gradient": Kind(
+        "strengths that change from one side to the other",
         "the strengths of the lights change by {size} from one side to the other",
         "%",
         100,
         "calibrate the strengths, or give --semi-calibrated",
     ),
     "lights-fading": Kind(
+        "fading lights",
         "the light changes by {size} from the first to the last image",
         "%",
         100,
         "let the lamps warm up, or give --semi-calibrated",
     ),
     "image-shifted": Kind(
-        "images are shifted by {size}", "px", 0, "fix the camera and the object, and record again"
+        "shifted images",
+        "images are shifted by {size}",
+        "px",
+        0,
+        "fix the camera and the object, and record again",
     ),
     "images-drift": Kind(
+        "a drift of the images",
         "the images drift by {size} from the first to the last",
         "px",
         0,
         "fix the camera and the object, and record again",
     ),
     "images-moved": Kind(
+        "a movement during the recording",
         "camera or object moved by {size} during the recording",
         "px",
         0,
         "fix the camera and the object, and record again",
     ),
     "lights-tilted": Kind(
+        "a turn of all lights",
         "all lights are turned by {size}",
         "deg",
         180 / np.pi,
         "check the frame of the lights, or calibrate them again",
     ),
     "lights-not-distant": Kind(
+        "near lights",
         "the lights are about {size} away, not distant: their light falls off over the object",
         "mm",
         1,
         "give --light-distance-mm, or a calibration with positions",
     ),
     "lights-displaced": Kind(
+        "displaced lights",
         "all lights, or the principal point of the camera, are displaced by {size} of the distance "
         "of the lights",
         "%",
@@ -112,6 +130,7 @@ KINDS = {
         "check the principal point and the frame of the lights",
     ),
     "light-distance": Kind(
+        "a wrong distance of the lights",
         "all lights are {size} of their distance too high or too low",
         "%",
         100,

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from processing.checks.causes import KINDS
 from rig import Notice, Severity
 
 Answer = Literal["good", "check", "do-not-use"]
@@ -77,7 +78,8 @@ class Cause:
     @property
     def described(self) -> str:
         """What is wrong, other causes that would explain it, and the effect."""
-        besides = f", or {' or '.join(self.alternatives)}" if self.alternatives else ""
+        others = [KINDS[name].noun if name in KINDS else name for name in self.alternatives]
+        besides = f", or {' or '.join(others)}" if others else ""
         effect = f" ({self.effect})" if self.effect else ""
         return f"{self.text}{besides}{effect}"
 
