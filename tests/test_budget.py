@@ -16,7 +16,7 @@ PACKAGES = ("rig", "acquisition", "calibration", "processing", "simulator", "sgp
 # top, modules.
 BUDGET = {
     "rig": (3699, 44, 58),
-    "acquisition": (14970, 63, 149),
+    "acquisition": (14990, 63, 149),
     "calibration": (10115, 30, 85),
     "processing": (18712, 61, 175),
     "simulator": (7315, 28, 65),
