@@ -154,7 +154,8 @@ def check_end(name, folder, code, line, dark_s, unclear):
         problems.append(f"exit code {code} instead of {expected}")
     if words not in line:
         problems.append(f"the line does not contain {words!r}")
-    if code and (dark_s is None) is not (name in (FIRST, RESUMED)):
+    # A resumed recording begins with a light, before it writes.
+    if code and (dark_s is None) is not (name == FIRST):
         problems.append(f"last light {dark_s} s before the line")
     if code and dark_s is not None and dark_s < 0:
         problems.append("an LED was still on after the line")

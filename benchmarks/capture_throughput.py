@@ -81,6 +81,7 @@ def one(options, mode, folder, virtual, camera, before, frame_bytes):
         leds=tuple(range(options.lights)),
         exposures_us=(options.exposure_us,),
         sequence=mode == "sequence",
+        repeat=False,  # its comparison is no writing
     )
     trigger = "software" if mode == "software" else "board"
     config = RigConfig(name="fast", driver="bench", leds=options.lights, trigger=trigger)

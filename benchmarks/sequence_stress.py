@@ -137,11 +137,11 @@ def main():
     ):
         tally = stress(options, Path(out))
     seconds = time.monotonic() - began
-    own_s = options.sequences * (options.lights + 1) / options.rate
+    own_s = options.sequences * (options.lights + 2) / options.rate
     print(
-        f"{options.sequences} sequences of {options.lights} and a dark frame, {options.size}, at "
-        f"{options.rate:g} frames/s, {options.busy} other busy processes: {seconds:.0f} s, "
-        f"{seconds / own_s:.2f} times the camera's own time\n"
+        f"{options.sequences} sequences of {options.lights}, a dark frame and a repeat, "
+        f"{options.size}, at {options.rate:g} frames/s, {options.busy} other busy processes: "
+        f"{seconds:.0f} s, {seconds / own_s:.2f} times the camera's own time\n"
         f"  recordings ended                {tally.ended}\n"
         f"  frames kept                     {tally.frames}\n"
         f"  frames under a wrong LED        {tally.wrong}\n"

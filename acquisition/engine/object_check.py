@@ -46,17 +46,13 @@ def check_object(
     RigError
         If board or camera fail.
     """
-    for light in _last_lights(session, rig.config.dead_leds):
-        if light.line.led is None:
-            continue
-        exposure_us = plan.exposure_us(light.line.led, light.bracket)
-        camera = session.manifest.camera
+    for led, light in _last_lights(session, plan, rig.config.dead_leds):
         try:
             light.read()
         except DataError:
             continue  # a damaged frame is reported elsewhere
-        pixels = rig.shoot(light.line.led, exposure_us, plan.gain_db).frame.pixels
-        details = compare_recorded(light, pixels, camera, session.frames, None)
+        pixels = rig.shoot(led, plan.exposure_us(led, light.bracket), plan.gain_db).frame.pixels
+        details = compare_recorded(light, pixels, session.manifest.camera, session.frames, None)
         if details is None:
             return None
         accepted = []
@@ -70,9 +66,18 @@ def check_object(
     return None
 
 
-def _last_lights(session: Session, dead_leds: tuple[int, ...]) -> Iterator[SessionFrame]:
-    """Yield the last lights of LEDs that work, the latest first."""
+def _last_lights(
+    session: Session, plan: CapturePlan, dead_leds: tuple[int, ...]
+) -> Iterator[tuple[int, SessionFrame]]:
+    """Yield LEDs that work with their last frames, those of long exposures first.
+
+    A short exposure for highlights may be too dark to show the object.
+    """
     lights = [
-        frame for frame in session.frames if frame.role == "light" and frame.led not in dead_leds
+        (plan.exposure_us(led, frame.bracket) == max(plan.exposures_of(led)), frame.line.seq, frame)
+        for frame in session.frames
+        if frame.role == "light" and (led := frame.line.led) is not None and led not in dead_leds
     ]
-    yield from sorted(lights, key=lambda frame: -frame.line.seq)[:_MOST_TRIED]
+    for _, _, frame in sorted(lights, key=lambda light: light[:2], reverse=True)[:_MOST_TRIED]:
+        if frame.line.led is not None:
+            yield frame.line.led, frame

@@ -194,6 +194,15 @@ def test_a_resumed_session_begins_with_a_repeat_of_its_last_light(
     assert verify_session(tmp_path / "s").ok
 
 
+def test_a_long_exposure_is_repeated_rather_than_a_later_short_one(
+    stand: Rig, scene: Scene, tmp_path: Path
+) -> None:
+    interrupted(stand, scene, tmp_path / "s", 8)
+    session = resume(stand, tmp_path / "s")
+    assert compared(session)[0].details["light"] == "L05_E0.tif"
+    assert scene.shots == [5, 5, 3]
+
+
 REFUSED = {name: row for name, row in CHANGES.items() if row[1] != "light-changed"}
 
 
@@ -326,7 +335,7 @@ def test_an_end_before_the_comparison_is_written_is_made_up_for(
     session = Session.open(tmp_path / "s")
     assert (session.complete, session.missing, compared(session)) == (False, (), [])
     scene.shots.clear()
-    swapped(scene)  # no frame is taken any more
+    swapped(scene)  # this changes nothing: no frame is missing
     session = resume(stand, tmp_path / "s")
     assert (session.complete, scene.shots) == (True, [])
     assert [line.details["file"] for line in compared(session)] == ["R_L03_E0.tif"]

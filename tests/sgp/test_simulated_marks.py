@@ -68,10 +68,10 @@ def test_every_output_says_simulated(sgp, tmp_path, camera):
     assert mark in sgp("capture", "run", session, "--rig", rig, "--skip-check").ok().out
     answer = sgp("capture", "info", session, "--sheet", sheet, "--json")
     assert json.loads(answer.out)["metrics"]["simulated"] is True
-    # The mark is in the label of each of the seven frames.
+    # The mark is in the label of each of the eight frames.
     picture = read_image(sheet)[:-26].astype(int)  # without the legend, which is red too
     red = (picture[..., 0] - picture[..., 1] > 90).nonzero()
-    assert len({(row // 211, column // 204) for row, column in zip(*red, strict=True)}) == 7
+    assert len({(row // 211, column // 204) for row, column in zip(*red, strict=True)}) == 8
     write_lights(tmp_path / "lights.json", ring_lights(6))
     words = ("--format", "lp", "--lights", tmp_path / "lights.json", "--out", export)
     sgp("capture", "export", session, *words).ok()
