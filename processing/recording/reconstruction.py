@@ -18,6 +18,7 @@ from processing.near.near_height import NearHeight
 from processing.noise.normal_errors import NormalUncertainty, in_degrees, valid_reasons
 from processing.noise.pixel_variances import Origin
 from processing.noise.sample_kind import SampleKind
+from processing.series.ambient_light import AmbientLight
 from processing.series.light_distance import LightDistance
 from processing.surface.height_map import HeightMap
 from rig import Notice
@@ -57,6 +58,8 @@ class Reconstruction:
     light_distance
         Distance of the lights from the middle of the object, if they had only directions and it was
         stated or estimated; `source` and `lights` have their positions.
+    ambient
+        The constant light that was subtracted; None if it was not estimated.
     error
         Error of the normals over `mask`; None if the source has no ground truth.
     previews
@@ -82,6 +85,7 @@ class Reconstruction:
     excluded: tuple[str, ...]
     strengths: LightStrengths | None
     light_distance: LightDistance | None
+    ambient: AmbientLight | None
     error: AngularError | None
     previews: tuple[MapRows, ...]
     near_height: NearHeight | None
