@@ -78,10 +78,22 @@ class RecordedImages:
         The images.
     kept
         Indices of those in use; default: all.
+    constant
+        ``(H, W)``, or ``(H, W, 3)`` of images in colour: light that is in all images, and is
+        subtracted; default: none.
+    shares
+        ``(M,)`` factors of it for all images of the stack.
     """
 
-    def __init__(self, stack: Stack, kept: Sequence[int] | None = None) -> None:
-        self._stack = stack
+    def __init__(
+        self,
+        stack: Stack,
+        kept: Sequence[int] | None = None,
+        constant: Float32 | None = None,
+        shares: Float32 | None = None,
+    ) -> None:
+        self._stack, self._constant = stack, constant
+        self._shares = np.ones(len(stack.ids), np.float32) if shares is None else shares
         self._kept = list(range(len(stack.ids)) if kept is None else kept)
         self.ids = tuple(stack.ids[i] for i in self._kept)
         shape = stack.values.shape
@@ -98,6 +110,8 @@ class RecordedImages:
 
     def __getitem__(self, index: int) -> Float32:
         image = self._stack.values[self._kept[index]]
+        if self._constant is not None:
+            image = image - self._shares[self._kept[index]] * self._constant
         return luma(image) if self.in_colour else image
 
     def __iter__(self) -> Iterator[Float32]:
@@ -105,7 +119,14 @@ class RecordedImages:
 
     def take(self, indices: Sequence[int]) -> RecordedImages:
         """Return the images with these indices."""
-        return RecordedImages(self._stack, [self._kept[i] for i in indices])
+        kept = [self._kept[i] for i in indices]
+        return RecordedImages(self._stack, kept, self._constant, self._shares)
+
+    def without(self, constant: Float32, shares: Float64) -> RecordedImages:
+        """Return the images without a constant light, of which each has its share ``(N,)``."""
+        of_stack = np.zeros(len(self._stack.ids), np.float32)
+        of_stack[self._kept] = shares
+        return RecordedImages(self._stack, self._kept, constant, of_stack)
 
     def stack(self, *, colour: bool = False) -> Stack:
         """Return all images, in memory, in gray or as they are."""
@@ -115,6 +136,9 @@ class RecordedImages:
         part = self._stack.rows(first, last)
         if len(self) < len(part.ids):
             part = part.take(self._kept)
+        if self._constant is not None:
+            shares = self._shares[self._kept].reshape(-1, *[1] * (part.values.ndim - 1))
+            part = replace(part, values=part.values - shares * self._constant[first:last])
         return replace(part, values=luma(part.values)) if self.in_colour and not colour else part
 
     def bands(

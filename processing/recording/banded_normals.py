@@ -150,6 +150,7 @@ class GraySolver:
     def __init__(self, examined: Examination, method: Method, maps: Maps) -> None:
         check_lights(examined.lights, examined.points, examined.mask)
         self._lights, self._points = examined.lights, examined.points
+        self._ambient = examined.ambient
         self._camera, self._method = examined.source.camera, method
         self._depth_error = depth_deviation(examined.near, examined.view, examined.mask)
         self._law: Float32 | None = None
@@ -218,4 +219,5 @@ class GraySolver:
         for name, image in (("first", 0), ("last", -1)):
             if name in self._maps:
                 self._maps[name][band.rows] = band.sample.values[image][inner]
-        self._error_bars.write(band.rows, variances.variances(self.shown.correlation), inner)
+        found = variances.variances(self.shown.correlation)
+        self._error_bars.write(band.rows, found, inner, maps.normals, self._ambient)

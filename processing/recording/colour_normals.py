@@ -106,7 +106,8 @@ class ColourSolver:
         maps = self._solved(images)
         self._solutions.write(band.rows, maps, band.inside)
         variances = variances_of_colours(self._judged(images, maps), self._shown)
-        self._error_bars.write(band.rows, variances, band.inside)
+        ambient = self._examined.ambient
+        self._error_bars.write(band.rows, variances, band.inside, maps.normals, ambient)
         known: Bool = np.asarray(maps.normals.any(axis=2))
         values, noise = images.values, images.noise
         law = None if noise is None else NoiseLaw(noise, values.shape[:3])

@@ -14,9 +14,10 @@ from processing.near.near_height import NearHeight
 from processing.noise.normal_errors import STRUCTURED, sums_of
 from processing.noise.pixel_variances import Origin, PixelVariances, common_error, deviations
 from processing.noise.sample_kind import Reason, SampleKind
+from processing.series.ambient_light import AmbientLight
 from processing.stereo.normals_and_albedo import severity_of_loss
 from rig import Notice
-from rig.arrays import Bool, UInt8
+from rig.arrays import Bool, Float32, UInt8
 
 _WHY = {
     Reason.SATURATED: "saturated",
@@ -51,9 +52,19 @@ class ErrorBarMaps:
     def __init__(self, maps: Maps) -> None:
         self._maps = maps
 
-    def write(self, rows: slice, found: PixelVariances, inside: slice) -> None:
-        """Copy rows of the variances of a band."""
+    def write(
+        self,
+        rows: slice,
+        found: PixelVariances,
+        inside: slice,
+        normals: Float32,
+        ambient: AmbientLight | None,
+    ) -> None:
+        """Copy rows of the variances of a band, with those by the error of a constant light."""
         common, total = sums_of(found)
+        if ambient is not None:
+            shared = ambient.variance(normals)
+            common, total = common + shared, total + shared
         sums, solved = deviations(found.model[inside], (found.noise + found.lights)[inside])
         for name, values in (
             ("sigma", total[inside]),

@@ -25,13 +25,25 @@ from processing.checks.strengths import (
 from processing.checks.verdict import Verdict
 from processing.images.mosaic import blocks_of_sites
 from processing.images.recorded_images import Images, RecordedImages, RowSample
-from processing.images.viewing_rays import SurfacePoints, View, lights_of, middle_mm, view_of
+from processing.images.viewing_rays import (
+    Parallel,
+    SurfacePoints,
+    View,
+    lights_of,
+    middle_mm,
+    view_of,
+)
 from processing.maps.mask import mask_of_images
 from processing.near.mean_height_search import HeightWithStrengths
 from processing.near.near_height import Heights, NearHeight, height_limits
+from processing.series.ambient_light import AmbientLight, find_ambient_light
 from processing.series.light_distance import LightDistance, find_light_distance
+from processing.stereo.frames import Frames
+from processing.stereo.light_model import LightModel
 from processing.stereo.method import Method
-from rig import Notice, Progress, Severity
+from processing.stereo.solve import solve_maps
+from processing.stereo.stereo_maps import StereoMaps
+from rig import Notice, Progress, Severity, no_progress
 from rig.arrays import Bool, Float32, Intp
 
 # A computed mask beyond these probably contains background.
@@ -222,6 +234,7 @@ class Examination:
         self.near: NearHeight | None = None
         self.strengths: LightStrengths | None = None
         self.light_distance: LightDistance | None = None
+        self.ambient: AmbientLight | None = None
         self.excluded: tuple[str, ...] = ()
         self.warnings: list[Notice] = []
         self._doubts: list[Notice] = []
@@ -243,6 +256,46 @@ class Examination:
         near = found.lights(lights_of(self.source, distant=False), middle)
         self.source, self.light_distance = replace(self.source, lights=near), found
         self.lights = near.take([near.ids.index(name) for name in self.lights.ids])
+
+    def find_ambient(self) -> None:
+        """Find a constant light, and subtract it from the images."""
+        shape = self.mask.shape
+        view = self.view
+        if view is None:  # the shape does not matter under distant lights
+            view = Parallel(1.0, shape, ((shape[1] - 1) / 2, (shape[0] - 1) / 2))
+        if not self.images.in_colour:
+            self.ambient = find_ambient_light(self.images, self.lights, self.mask, view)
+            constant = self._constant(self.ambient, self.images)
+        else:
+            stack, kinds, parts = self.images.stack(colour=True), [], []
+            for channel in range(stack.values.shape[-1]):
+                values = np.ascontiguousarray(stack.values[..., channel])
+                one = RecordedImages(replace(stack, values=values, noise=None))
+                strength = np.asarray(self.lights.intensities)[:, channel]
+                lights = replace(self.lights, intensities=strength)
+                kinds.append(find_ambient_light(one, lights, self.mask, view))
+                parts.append(self._constant(kinds[-1], one))
+            constant = np.stack(parts, axis=-1)
+            self.ambient = kinds[1]  # green has the largest part of the gray images
+        self.images = self.images.without(constant, self.ambient.shares)
+
+    def _constant(self, ambient: AmbientLight, images: RecordedImages) -> Float32:
+        """Return the constant light ``(H, W)``; the second time, it is no longer in the images."""
+        constant = np.zeros(self.mask.shape, np.float32)
+        points = None
+        if self.view is not None and self.lights.near:
+            depth = self.view.distance_mm - ambient.mean_height_mm
+            points = SurfacePoints(self.view, float(depth), self.mask.shape)
+        for light in (ambient.seen_with, ambient.seen):
+            found = np.zeros_like(constant)
+            for band in images.without(constant, ambient.shares).bands(self.mask, 0):
+                of_band, maps = band.sample, StereoMaps.empty(band.sample.mask.shape)
+                model = LightModel(self.lights, of_band.of(points), of_band.mask)
+                frames = Frames(of_band.values)
+                solve_maps(frames, model, of_band.mask, None, "cauchy", maps, None, no_progress)
+                found[band.rows] = light(maps.normals, maps.albedo)
+            constant = found
+        return constant
 
     def find_surface(self, *, semi_calibrated: bool) -> None:
         """Find the points of the surface, and the strengths of the lights if they are not known."""

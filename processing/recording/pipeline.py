@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -69,6 +70,8 @@ _LEAST_ROWS = 8
 _IN_MEMORY = 1_000_000_000
 # Bytes of rows that are read together after the bands.
 _READ = 32_000_000
+# Whether a constant light is estimated.
+AmbientChoice = Literal["none", "estimate"]
 
 
 @dataclass(frozen=True)
@@ -129,6 +132,9 @@ class NormalsStage:
     pixel_mm
         Distance between neighbouring pixels on the object, if the source has no camera with a
         working distance. Without a camera, the view is orthographic.
+    ambient
+        ``estimate``: find a constant light that is in all images, such as that of the room, and
+        subtract it, see `find_ambient_light`.
     exclude_disagreeing
         Leave out images that the other images contradict (see `image_quality`), unless so many do
         that it is not known which are right.
@@ -156,6 +162,7 @@ class NormalsStage:
     height_mm: float | None = None
     rests_on_plane: bool = False
     pixel_mm: float | None = None
+    ambient: AmbientChoice = "none"
     exclude_disagreeing: bool = False
     semi_calibrated: bool = False
 
@@ -202,6 +209,8 @@ class NormalsStage:
                 examined.find_light_distance(geometry.view)
             elif self.light_distance_mm is not None:
                 examined.light_distance = LightDistance(float(self.light_distance_mm))
+            if self.ambient == "estimate":
+                examined.find_ambient()
             examined.find_surface(semi_calibrated=self.semi_calibrated)
             quality = examined.check(exclude_disagreeing=self.exclude_disagreeing)
             in_colour = examined.images.in_colour
@@ -241,7 +250,7 @@ class NormalsStage:
             source, lights, near = examined.source, examined.lights, examined.near
             points, used = examined.points, examined.images.ids
             strengths, excluded = examined.strengths, examined.excluded
-            light_distance = examined.light_distance
+            light_distance, ambient = examined.light_distance, examined.ambient
             del examined  # by far the largest arrays; what follows does not need them
         if pattern is not None:
             albedo = albedo_of_sites(made["gray_albedo"][:], valid, pattern)
@@ -251,7 +260,8 @@ class NormalsStage:
             of_gray = made["gray_albedo"][:], made["residual"][:]
             found = colour_albedo(source, used, lights, normals, *of_gray, points, on_progress)
             if found is not None:
-                made["albedo"] = found
+                bright = found if ambient is None else _as_bright(found, of_gray[0])
+                made["albedo"] = bright
         return Reconstruction(
             source=source,
             lights=lights,
@@ -265,6 +275,7 @@ class NormalsStage:
             excluded=excluded,
             strengths=strengths,
             light_distance=light_distance,
+            ambient=ambient,
             error=_error(source, made["normals"], valid, mask),
             previews=previews,
             near_height=near,
@@ -274,10 +285,15 @@ class NormalsStage:
 
     def _check(self, source: Source) -> None:
         """Refuse choices that exclude each other, by `DataError`."""
-        if self.light_distance_mm == "estimate" and self.semi_calibrated:
+        estimated = {
+            "their distance": self.light_distance_mm == "estimate",
+            "a constant light": self.ambient == "estimate",
+        }
+        both = next((name for name, asked in estimated.items() if asked), None)
+        if both is not None and self.semi_calibrated:
             raise DataError(
-                f"{source.path}: the strengths of the lights and their distance cannot both be "
-                "estimated: state one of them"
+                f"{source.path}: the strengths of the lights and {both} cannot both be estimated: "
+                "estimate one of them"
             )
 
     def _solve(
@@ -302,7 +318,10 @@ class NormalsStage:
 
         def on_band(band: slice) -> None:
             if colours is not None:
-                maps["colour"][band] = _albedo_in_colour(maps, colours, examined, band)
+                found = _albedo_in_colour(maps, colours, examined, band)
+                if examined.ambient is not None:
+                    found = _as_bright(found, maps["albedo"][band])
+                maps["colour"][band] = found
 
         solve_bands(examined, solver, on_progress, maps, rows, on_band)
         if isinstance(solver, ColourSolver):
@@ -330,6 +349,7 @@ def reconstruct(
     height_mm: float | None = None,
     rests_on_plane: bool = False,
     pixel_mm: float | None = None,
+    ambient: AmbientChoice = "none",
     exclude_disagreeing: bool = False,
     semi_calibrated: bool = False,
     surface: bool = True,
@@ -371,6 +391,9 @@ def reconstruct(
     pixel_mm
         Distance between neighbouring pixels on the object, if the source has no camera with a
         working distance. Without a camera, the view is orthographic.
+    ambient
+        ``estimate``: find a constant light that is in all images, such as that of the room, and
+        subtract it, see `find_ambient_light`.
     exclude_disagreeing
         Leave out images that the other images contradict (see `image_quality`), unless so many do
         that it is not known which are right.
@@ -418,6 +441,7 @@ def reconstruct(
         height_mm=height_mm,
         rests_on_plane=rests_on_plane,
         pixel_mm=pixel_mm,
+        ambient=ambient,
         exclude_disagreeing=exclude_disagreeing,
         semi_calibrated=semi_calibrated,
     )
@@ -458,6 +482,13 @@ def _albedo_in_colour(
     for i, name in enumerate(ids):
         sums.add(colours.values[colours.ids.index(name), rows], lights.take([i]), len(ids))
     return sums.albedo()
+
+
+def _as_bright(colour: Float32, gray: Float32) -> Float32:
+    """Return an albedo in colour whose luma is the gray one, without a constant light."""
+    own = luma(colour)
+    factor = np.divide(gray, own, out=np.zeros_like(own), where=own > 0)
+    return np.asarray(colour * factor[..., None], np.float32)
 
 
 def _valid_pixels(maps: MemoryMaps | BandStore, examined: Examination) -> tuple[Bool, list[Notice]]:

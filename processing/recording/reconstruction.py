@@ -19,6 +19,7 @@ from processing.near.near_height import NearHeight
 from processing.noise.normal_errors import NormalUncertainty, in_degrees, valid_reasons
 from processing.noise.pixel_variances import Origin
 from processing.noise.sample_kind import SampleKind
+from processing.series.ambient_light import AmbientLight
 from processing.series.light_distance import LightDistance
 from processing.surface.height_map import HeightMap
 from rig import Notice
@@ -57,9 +58,6 @@ class Reconstruction:
         Names of the images that were left out because they disagree with the others.
     strengths
         Strengths of the lights, if they were estimated.
-    light_distance
-        Distance of the lights from the middle of the object, if they had only directions and it was
-        stated or estimated; `source` and `lights` have their positions.
     error
         Error of the normals over `mask`; None if the source has no ground truth.
     previews
@@ -72,6 +70,11 @@ class Reconstruction:
         Files of the maps, which `BandStore.remove` deletes; None if they are in memory.
     surface
         The height; None if it was not requested.
+    light_distance
+        Distance of the lights from the middle of the object, if they had only directions and it was
+        stated or estimated; `source` and `lights` have their positions.
+    ambient
+        The constant light that was subtracted; None if it was not estimated.
     """
 
     source: Source
@@ -85,13 +88,14 @@ class Reconstruction:
     verdict: Verdict
     excluded: tuple[str, ...]
     strengths: LightStrengths | None
-    light_distance: LightDistance | None
     error: AngularError | None
     previews: tuple[MapRows, ...]
     near_height: NearHeight | None
     warnings: tuple[Notice, ...]
     store: BandStore | None = None
     surface: HeightMap | None = None
+    light_distance: LightDistance | None = None
+    ambient: AmbientLight | None = None
 
     @cached_property
     def normals(self) -> NormalMap:

@@ -26,7 +26,7 @@ _LOBE, _LOBE_SIGMA = 0.5, 0.29
 # Relative error that is left on simulated objects. Without a camera, the view is telecentric:
 # the scale of a camera that is 5 times the radius of the object away changes by this part of the
 # heights relative to the radius.
-_LEFT, _PERSPECTIVE = 0.015, 0.2
+_LEFT, _PERSPECTIVE = 0.025, 0.2
 # A larger relative standard deviation is refused, and standard deviations of a range.
 _UNKNOWN = 0.2
 _RANGE = 2.0

@@ -281,6 +281,9 @@ class SourceOptions(RecordingOptions):
         Distance in mm of the lights of a list of directions, such as the .lp of a dome, from the
         middle of the object: they are near lights then, which needs a scale. estimate finds it in
         the images. lights.json with the positions is written with the result.
+    ambient
+        estimate finds a constant light that is in all images, such as that of the room, and
+        subtracts it; at least 5 lights at different elevations determine it.
     semi_calibrated
         Estimate the strengths of the lights with the normals; lights.json with the new intensities
         and their standard deviations is written with the result.
@@ -291,6 +294,7 @@ class SourceOptions(RecordingOptions):
     height_mm: Millimetres | None = None
     rests_on_plane: bool = False
     light_distance_mm: LightDistance | None = None
+    ambient: Literal["none", "estimate"] = "none"
     semi_calibrated: bool = False
 
     def stage(self, pixel_mm: float | None = None) -> processing.recording.NormalsStage:

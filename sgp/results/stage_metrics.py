@@ -137,6 +137,11 @@ class NormalsMetrics(QualityMetrics):
         `--light-distance-mm`: distance of the lights from the middle of the object
     light_distance_sigma_mm : mm
         standard deviation of this distance, if it was estimated
+    ambient_level : 1
+        `--ambient estimate`: constant light on a surface that faces the camera, relative to that
+        of a light of mean intensity
+    ambient_sigma : 1
+        standard deviation of this light; it is part of those of the normals
     """
 
     images: int
@@ -159,6 +164,8 @@ class NormalsMetrics(QualityMetrics):
     strength_sigma: NotRequired[float]
     light_distance_mm: NotRequired[float]
     light_distance_sigma_mm: NotRequired[float]
+    ambient_level: NotRequired[float]
+    ambient_sigma: NotRequired[float]
 
 
 class SeparationMetrics(TypedDict):

@@ -71,6 +71,7 @@ def write_normals_stage(
         *_height_line(metrics),
         *_strength_line(stage.strengths),
         *_distance_line(metrics),
+        *_ambient_line(metrics),
         *sigma_lines(metrics),
         f"{len(stage.lights)} images, {metrics['lights']} lights, "
         f"{solved_share:.1%} of {metrics['pixels']} pixels solved",
@@ -172,6 +173,13 @@ def _distance_line(metrics: NormalsMetrics) -> list[str]:
     ]
 
 
+def _ambient_line(metrics: NormalsMetrics) -> list[str]:
+    if "ambient_level" not in metrics:
+        return []
+    level, sigma = metrics["ambient_level"], metrics["ambient_sigma"]
+    return [f"constant light of {level:.1%} of a light (sd {sigma:.1%}) subtracted"]
+
+
 def normals_metrics(stage: processing.Reconstruction) -> NormalsMetrics:
     """Return the figures of an estimation of normals."""
     metrics: NormalsMetrics = {
@@ -198,6 +206,9 @@ def normals_metrics(stage: processing.Reconstruction) -> NormalsMetrics:
         metrics["light_distance_mm"] = stage.light_distance.distance_mm
         if stage.light_distance.sigma_mm:
             metrics["light_distance_sigma_mm"] = stage.light_distance.sigma_mm
+    if stage.ambient is not None:
+        metrics["ambient_level"] = stage.ambient.level
+        metrics["ambient_sigma"] = stage.ambient.sigma
     if stage.error is not None:
         metrics["coverage"] = stage.error.coverage
         metrics["mae_deg"] = stage.error.mae_deg

@@ -119,7 +119,7 @@ def test_a_run_has_the_height_of_the_object(sgp, folder, tmp_path):
         ),
         "two estimates": (
             ("--pixel-mm", 2.5, "--light-distance-mm", "estimate", "--semi-calibrated"), 4,
-            "cannot both be estimated: state one of them",
+            "their distance cannot both be estimated: estimate one of them",
         ),
         "a word": (("--light-distance-mm", "far"), 2, "far is not a number"),
     },
