@@ -41,7 +41,7 @@ class Outcome:
     codes
         Codes of all notices.
     remedy
-        The options that the first cause with such a remedy names.
+        The options that the remedy of the first cause names.
     remedied_deg
         Mean angle between normals and truth with these options.
     text
@@ -97,7 +97,7 @@ class Trial:
         if self._normals is None:
             self._normals, self._valid = result.normals.normals, result.valid
         verdict = _verdict(result)
-        remedies = [remedy for cause in verdict.causes if (remedy := Remedy.of(cause)).options]
+        remedy = Remedy.of(verdict.causes[0]) if verdict.causes else Remedy()
         return Outcome(
             error_deg=_error_deg(result, recording),
             error_mm=_error_mm(result, recording),
@@ -107,8 +107,8 @@ class Trial:
             causes=" ".join("/".join((one.name, *one.alternatives)) for one in verdict.causes),
             not_excluded=" ".join(verdict.not_excluded),
             codes=" ".join(sorted({notice.code for notice in result.warnings})),
-            remedy=remedies[0].options if remedies else "",
-            remedied_deg=_remedied_deg(recording, remedies[0]) if remedies else NAN,
+            remedy=remedy.options,
+            remedied_deg=_remedied_deg(recording, remedy) if remedy.options else NAN,
             text="; ".join(notice.text for notice in verdict.notices)[:_TEXT],
         )
 
