@@ -8,7 +8,7 @@ PYTEST_ARGS ?=
 # Many tests wait for a board or a camera: four workers keep two cores busy.
 WORKERS ?= 4
 # The long tests load the processor more, but a third of their time they wait for boards, too.
-SLOW_WORKERS ?= 3
+SLOW_WORKERS ?= 4
 
 # The programs that tests start must not compile the modules again each time.
 unexport PYTHONDONTWRITEBYTECODE

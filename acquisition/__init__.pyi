@@ -1,3 +1,4 @@
+from . import comparison as comparison
 from . import engine as engine
 from . import exports as exports
 from . import files as files
@@ -14,9 +15,11 @@ from . import value_files as value_files
 from . import values as values
 from ._errors import DataError as DataError
 from ._errors import MissingPathError as MissingPathError
+from ._errors import NotAcceptedError as NotAcceptedError
 from ._errors import SessionInUseError as SessionInUseError
 from ._errors import StorageError as StorageError
 from ._errors import missing_path as missing_path
+from .comparison.frame_comparison import compare_frames as compare_frames
 from .engine.engine import record as record
 from .engine.engine import resume as resume
 from .engine.recording_loop import RecordingHooks as RecordingHooks

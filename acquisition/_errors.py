@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from rig import SgpError, UnreadableError
+from rig import Notice, RigError, SgpError, UnreadableError
 
 
 class MissingPathError(SgpError, FileNotFoundError):
@@ -24,6 +24,20 @@ class SessionInUseError(StorageError):
 
 class DataError(SgpError, ValueError):
     """An input or session is damaged, incomplete, inconsistent or unknown (exit code 4)."""
+
+
+class NotAcceptedError(RigError):
+    """A finding that makes a recording useless was not accepted.
+
+    Parameters
+    ----------
+    finding
+        The finding.
+    """
+
+    def __init__(self, finding: Notice) -> None:
+        super().__init__(str(finding))
+        self.finding = finding
 
 
 def missing_path(path: Path, kind: str = "file or folder") -> MissingPathError:

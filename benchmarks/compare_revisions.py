@@ -22,7 +22,9 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -246,14 +248,17 @@ def run_command(checkout: Path, words: str, folder: Path) -> tuple[int, str, str
     return done.returncode, stable(out), stable(err)
 
 
-def make_inputs(checkout: Path, folder: Path) -> None:
-    """Write what the commands read into a new folder; print what fails."""
+def make_inputs(folder: Path, run: Callable[[str, Path], tuple[int, str, str]]) -> None:
+    """Write what the commands read into a new folder; print what fails.
+
+    ``run`` runs a command in a folder and returns exit code, stdout and stderr.
+    """
     folder.mkdir(parents=True)
     for name, text in FILES.items():
         (folder / name).write_text(text, encoding="utf-8")
     _write_discs(folder)
     for words in COMMANDS.partition("---")[0].strip().splitlines():
-        code, _, errors = run_command(checkout, words, folder)
+        code, _, errors = run(words, folder)
         if code:
             print(f"{words}: exit {code}: {errors.strip()}")
 
@@ -282,7 +287,7 @@ def main() -> int:
         checkouts = {"old": given.old.resolve(), "new": HERE}
         for name in ("inputs", *checkouts):
             shutil.rmtree(top / name, ignore_errors=True)
-        make_inputs(checkouts["old"], top / "inputs")
+        make_inputs(top / "inputs", partial(run_command, checkouts["old"]))
 
         def outcomes_of(name: str) -> list[tuple[int, str, str]]:
             shutil.copytree(top / "inputs", top / name)

@@ -2,8 +2,9 @@
 
 python benchmarks/signals_at_start.py [--signals 200] [--seed 0] [--keep FOLDER]
 
-Each trial starts a command with an empty numba cache and sends SIGINT, SIGTERM or SIGHUP at a
-random moment between its start and its usual end. How a command may end:
+Each trial starts a command and sends SIGINT, SIGTERM or SIGHUP at a random moment between its start
+and its usual end. The numba cache contains what the commands before it in the list have compiled,
+so that each kernel is compiled in the trials of one command only. How a command may end:
 
 clean       exit code 128 + the signal's number and one line on stderr that names the signal
 no line     the same exit code without a line, or with more than one
@@ -67,20 +68,21 @@ def prepare(root):
     ):
         subprocess.run(program(*words), check=True, stdout=subprocess.DEVNULL)
     return {
-        "sgp normals": ("normals", session, *lights, "--method", "cauchy"),
+        "capture run": ("capture", "run", "--rig", rig),
+        "sgp simulate": ("simulate", "coin", *size),
         "sgp detail separate": ("detail", "separate", normals),
         "sgp surface": ("surface", normals),
+        "sgp normals": ("normals", session, *lights, "--method", "cauchy"),
         "sgp run": ("run", session, *lights),
-        "sgp simulate": ("simulate", "coin", *size),
-        "capture run": ("capture", "run", "--rig", rig),
     }
 
 
 class Trial:
-    """One run of a command with an empty cache, in a folder of its own."""
+    """One run of a command with a copy of a cache, in a folder of its own."""
 
-    def __init__(self, root, words):
+    def __init__(self, root, words, cache):
         self.folder = Path(tempfile.mkdtemp(dir=root))
+        self.cache = shutil.copytree(cache, self.folder / "cache")
         self.errors = self.folder / "stderr"
         scratch = self.folder / "tmp"
         scratch.mkdir()
@@ -88,7 +90,7 @@ class Trial:
         # `capture run` takes its folder as an argument, the other commands as an option.
         words = (*words, out) if words[0] == "capture" else (*words, "--out", out)
         environment = os.environ | {
-            "NUMBA_CACHE_DIR": str(self.folder / "cache"),
+            "NUMBA_CACHE_DIR": str(self.cache),
             "TMPDIR": str(scratch),
             "PYTHONFAULTHANDLER": "1",
         }
@@ -152,22 +154,27 @@ def main():
 def run(options, root):
     draw = random.Random(options.seed)
     commands = prepare(root)
-    usual_s = {}
+    usual_s, caches = {}, {}
+    cache = root / "empty"
+    cache.mkdir()
     for name, words in commands.items():
+        caches[name] = cache
         began_s = time.monotonic()
-        trial = Trial(root, words)
+        trial = Trial(root, words, cache)
         if trial.process.wait(600) != 0:
             raise SystemExit(f"{name} fails without a signal:\n{trial.text()}")
         usual_s[name] = time.monotonic() - began_s
-        print(f"{name}: {usual_s[name]:.1f} s with an empty cache", flush=True)
+        cache = trial.cache
+        print(f"{name}: {usual_s[name]:.1f} s with the kernels of those above", flush=True)
     table = {name: Counter() for name in commands}
     left = Counter()
     try:
         for turn in range(options.signals):
             name = list(commands)[turn % len(commands)]
-            number = SIGNALS[turn // len(commands) % len(SIGNALS)]
+            number = SIGNALS[(turn + turn // len(commands)) % len(SIGNALS)]
             after_s = draw.uniform(0.05, usual_s[name])
-            table[name][strike(root, commands[name], number, after_s, left, options.keep)] += 1
+            trial = Trial(root, commands[name], caches[name])
+            table[name][strike(trial, name, number, after_s, left, options.keep)] += 1
             if (turn + 1) % 20 == 0:
                 print(f"{turn + 1} signals ...", flush=True)
     except KeyboardInterrupt:
@@ -179,16 +186,15 @@ def run(options, root):
     return int(any(counts[kind] for counts in table.values() for kind in ("FAULT", "HANG")))
 
 
-def strike(root, words, number, after_s, left, keep):
-    """Start a command, send a signal after a time, and return how the command ended."""
-    trial = Trial(root, words)
+def strike(trial, name, number, after_s, left, keep):
+    """Send a command a signal after a time, and return how the command ended."""
     time.sleep(after_s)
     trial.process.send_signal(number)
     kind = trial.kind(number)
-    left.update(name.rpartition("-")[0] or name for name in trial.left())
+    left.update(file.rpartition("-")[0] or file for file in trial.left())
     if kind not in ("clean", "done", "killed"):
         code = trial.process.returncode
-        print(f"{words[0]}, {number.name} after {after_s:.2f} s: {kind}, exit code {code}")
+        print(f"{name}, {number.name} after {after_s:.2f} s: {kind}, exit code {code}")
         print("\n".join(f"    {line}" for line in trial.text().splitlines()[-12:]))
         sys.stdout.flush()
         if keep is not None:

@@ -17,7 +17,7 @@ from cyclopts import App, CycloptsError, Group, Parameter
 
 from sgp import __version__
 from sgp.cli.help import HelpPage, PlainConsole, flowing, usage_complaint
-from sgp.cli.terminal import STDERR, fitted, printable, printable_lines
+from sgp.cli.terminal import STDERR, coloured, fitted, printable, printable_lines
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -225,11 +225,13 @@ def _take_common_options(app: App) -> None:
         """
         command, bound, _ = app.parse_args(tokens, exit_on_error=False, print_error=False)
         if getattr(command, "__module__", "").startswith("sgp.commands."):
+            from sgp.cli.console import forget_reports
             from sgp.cli.entry import begin_work
             from sgp.cli.options import require_inputs
             from sgp.results import own_files_named
 
             begin_work()
+            forget_reports()
             require_inputs(command, bound.arguments)
             with own_files_named():
                 return command(*bound.args, **bound.kwargs), json
@@ -275,7 +277,7 @@ def run(app: App, tokens: list[str]) -> int:
 
 
 def _show(result: Any, as_json: bool) -> int:
-    from sgp.cli.console import note
+    from sgp.cli.console import report
     from sgp.results import Result
 
     if not isinstance(result, Result):
@@ -285,15 +287,17 @@ def _show(result: Any, as_json: bool) -> int:
     else:
         # Warnings are printed first, so that the last line on the terminal is the result.
         for warning in result.warnings:
-            note(f"note: {warning}")
-        for line in result.summary:
-            print(fitted(printable(line), sys.stdout))
+            report(warning)
+        for line in (*result.summary, *result.conclusion):
+            print(coloured(fitted(printable(line), sys.stdout), sys.stdout))
     return 0 if result.ok else result.failing_code
 
 
 def _fail(error: BaseException, code: int, text: str, *, as_json: bool, debug: bool) -> int:
     # Callers add notes to an error, for example LEDs that are not confirmed off.
-    message = "; ".join([text, *getattr(error, "__notes__", ())])
+    finding = getattr(error, "finding", None)
+    accept = [] if finding is None else [f"--accept {finding.code} continues anyway"]
+    message = "; ".join([text, *accept, *getattr(error, "__notes__", ())])
     line = printable(" ".join(message.split()))
     if debug:
         import traceback
@@ -306,7 +310,7 @@ def _fail(error: BaseException, code: int, text: str, *, as_json: bool, debug: b
         listed = {} if findings is None else {"findings": findings}
         print(dumps({"ok": False, "error": line, "exit_code": code, **listed}))
     # One write: a signal must not separate the line from its end.
-    STDERR.write(fitted(f"error: {line}", STDERR) + "\n")
+    STDERR.write(coloured(fitted(f"error: {line}", STDERR), STDERR) + "\n")
     return code
 
 

@@ -1,5 +1,6 @@
 """Fixtures for all tests."""
 
+import gc
 import os
 import signal
 from pathlib import Path
@@ -26,6 +27,22 @@ def pytest_configure(config):
     patch = pytest.MonkeyPatch()
     patch.setattr(Dispatcher, "compile", one_by_one(Dispatcher.compile, folder))
     config.add_cleanup(patch.undo)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Collect without the garbage collector, which never again looks at what is there then."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
+        gc.freeze()
+
+
+def pytest_unconfigure():
+    """Let the interpreter collect everything when it ends: modules in C report what is left."""
+    gc.unfreeze()
 
 
 def pytest_collection_modifyitems(config, items):

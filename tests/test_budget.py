@@ -15,14 +15,14 @@ PACKAGES = ("rig", "acquisition", "calibration", "processing", "simulator", "sgp
 # At most, for each package: code lines (without docstrings, comments and blanks), names at the
 # top, modules.
 BUDGET = {
-    "rig": (3699, 44, 58),
-    "acquisition": (14226, 60, 143),
+    "rig": (3702, 44, 58),
+    "acquisition": (14975, 63, 149),
     "calibration": (10115, 30, 85),
-    "processing": (18712, 61, 175),
-    "simulator": (7315, 28, 65),
-    "sgp": (13899, 0, 139),
+    "processing": (20309, 61, 187),
+    "simulator": (7323, 28, 65),
+    "sgp": (14284, 0, 143),
 }
-WORDS_OF_DOCUMENTS = 150774
+WORDS_OF_DOCUMENTS = 152600
 # Numbers of calibration/spheres that were chosen, not derived.
 TUNED_CONSTANTS = 262
 STRATA_OF_SGP = 7

@@ -6,6 +6,7 @@ import importlib
 import os
 import subprocess
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
@@ -62,18 +63,17 @@ def test_parts_that_may_round_differently_have_no_code_of_their_own() -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_the_first_run_after_installation_equals_the_second(tmp_path: Path) -> None:
-    def run(words: str) -> None:
-        environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "kernels")}
+    def run(words: str, environment: Mapping[str, str]) -> None:
         command = [sys.executable, "-m", "sgp", *words.split()]
         subprocess.run(command, cwd=tmp_path, env=environment, check=True, capture_output=True)
 
-    run("simulate coin --out coin --size 160x128 --led-count 12")
+    run("simulate coin --out coin --size 160x128 --led-count 12", os.environ)
+    of_its_own = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "kernels")}
     for name in ("first", "second"):
-        run(f"run coin --lights coin/derived/truth/lights.json --out {name}")
-        run(f"detail synthesize {name}/normals --size 64x64 --out {name}/sheet")
-        run(
-            f"detail transfer {name}/sheet/detail.exr {name}/normals --out {name}/turned --refine 1"
-        )
+        run(f"run coin --lights coin/derived/truth/lights.json --out {name}", of_its_own)
+        run(f"detail synthesize {name}/normals --size 64x64 --out {name}/sheet", of_its_own)
+        maps = f"{name}/sheet/detail.exr {name}/normals"
+        run(f"detail transfer {maps} --out {name}/turned --refine 1", of_its_own)
     for path in sorted(tmp_path.glob("first/**/*.*")):
         if path.suffix in (".exr", ".png", ".ply"):
             other = tmp_path / "second" / path.relative_to(tmp_path / "first")

@@ -10,6 +10,7 @@ MODULES = sorted(path.stem for path in (BENCHMARKS / "true_to_input").glob("*_ca
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize("module", MODULES)
 def test_every_case_has_a_good_outcome(module, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", [str(BENCHMARKS), *sys.path])

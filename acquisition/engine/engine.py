@@ -10,6 +10,7 @@ from typing import Any
 
 from acquisition._errors import DataError
 from acquisition.engine.camera_settings import settings_events
+from acquisition.engine.object_check import check_object
 from acquisition.engine.recording_loop import RecordingHooks
 from acquisition.engine.recording_run import STALL_S, carry_out
 from acquisition.engine.rejection import References
@@ -23,7 +24,7 @@ from acquisition.engine.rig_records import (
 from acquisition.plan.plan import CapturePlan
 from acquisition.plan.planned_shot import PlannedShot
 from acquisition.session.event_details import check_event
-from acquisition.session.journal import LEFT_OUT
+from acquisition.session.journal import COMPARED, LEFT_OUT
 from acquisition.session.manifest import FORMAT_VERSION, Calibrations, Labels, Manifest
 from acquisition.session.session import Session
 from acquisition.session.session_frame import Damage
@@ -99,7 +100,7 @@ def record(
     >>> with open_rig_seeing(view, realtime=False, camera="inside") as rig:
     ...     session = record(rig, plan, "coin", Labels(operator="me"))
     >>> session
-    Session(coin, 5 frames, complete)
+    Session(coin, 6 frames, complete)
     """
     _check_events(events, folder)
     plan, left_out = plan.without(rig.config.dead_leds)
@@ -128,6 +129,10 @@ def resume(
     stall_s: float = STALL_S,
 ) -> Session:
     """Take the missing shots of a session, and no others.
+
+    Unless the plan has ``repeat = False``, the last light is taken again first and compared with
+    its frame: another object under the camera, or a shift, ends the call before anything is
+    written, unless ``hooks.accept`` accepts it.
 
     Shots of LEDs that the rig file now lists as dead are left out, and an event records this; the
     session becomes complete without them. Frames that were recorded before are read back while the
@@ -161,6 +166,8 @@ def resume(
         If it is not a session, is damaged or complete, was imported, or was started with another
         rig, camera or plan; the message names the differences. If every LED of its plan is dead.
         If a frame is damaged; in this case the missing shots have been taken.
+    NotAcceptedError
+        If another object is under the camera, or it moved; nothing was changed.
     StorageError, RigError, KeyboardInterrupt
         As for `record`.
 
@@ -175,12 +182,17 @@ def resume(
     ...     session.frames[2].path.unlink()
     ...     session = resume(rig, "coin", retake_damaged=True)
     >>> session
-    Session(coin, 5 frames, complete)
+    Session(coin, 6 frames, complete)
     """
     folder = Path(folder)
     _check_events(events, folder)
-    _, recorded = _fitting(rig, folder, plan, retake_damaged=retake_damaged)
+    session, recorded = _fitting(rig, folder, plan, retake_damaged=retake_damaged)
     events = [*events, *settings_events(rig.camera.info)]
+    # For flats, the card is already under the camera.
+    needed = retake_damaged or any(shot.role != "flat" for shot in session.missing)
+    if recorded.repeat and needed:
+        compared = check_object(rig, session, recorded, hooks.accept)
+        events = [*events, *([] if compared is None else [(COMPARED, compared)])]
     with SessionWriter.reopen(
         folder,
         set_aside_damaged=retake_damaged,
@@ -321,7 +333,7 @@ def _fitting(
         raise DataError(f"{folder}: was not recorded on a rig; import its missing images instead")
     manifest.check_current(folder)
     if plan is not None:
-        plan, _ = plan.without(manifest.rig.dead_leds)
+        plan = manifest.planned(plan)
     # The manifest that the session would have if it started now with this rig.
     current = _manifest(rig, folder, Calibrations(sensor=session.sensor))
     check_same(folder, manifest, current, plan)

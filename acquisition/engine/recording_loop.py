@@ -20,15 +20,27 @@ from acquisition.engine.write_queue import Turn, WriteQueue
 from acquisition.pixels.frame_quality import FrameQuality, above_dark
 from acquisition.plan.plan import CapturePlan
 from acquisition.plan.planned_shot import PlannedShot, ShotKey
+from acquisition.session.comparisons import compared_repeat
 from acquisition.session.frame_proofs import CHECKING
-from acquisition.session.journal import Echo, FrameLine
+from acquisition.session.journal import COMPARED, Echo, FrameLine
 from acquisition.session.layout import WRITERS
 from acquisition.session.light_proof import BOARD, RIG, wrong_light
+from acquisition.session.session import Session
 from acquisition.session.writer import CameraReport, SessionWriter
-from rig import FrameLostError, FrameTimeoutError, Progress, Rig, RigError, Shot, no_progress
+from rig import (
+    FrameLostError,
+    FrameTimeoutError,
+    Notice,
+    Progress,
+    Rig,
+    RigError,
+    Shot,
+    no_progress,
+)
 
 OnFrame = Callable[[FrameLine], None]
 OnEvent = Callable[[str, Mapping[str, Any]], None]
+OnDoubt = Callable[[Notice], bool]
 # Frames that may wait for the disk, in addition to those in the camera's buffers.
 ROOM: Final = 5
 # Two: while one waits for the disk to flush, the other computes.
@@ -42,6 +54,11 @@ _LOOK_S: Final = 0.2
 
 def _nothing(*_: object) -> None:
     """Do nothing: the callback of a caller that does not listen."""
+
+
+def _refuse(finding: Notice) -> bool:
+    """Accept no finding."""
+    return False
 
 
 @dataclass(frozen=True)
@@ -64,6 +81,9 @@ class RecordingHooks:
     on_damage
         Called when a frame that was recorded earlier turns out to be damaged, with a description in
         one line. The missing shots are still taken; then the recording ends with this error.
+    accept
+        Asked about each finding after which further frames would not fit those recorded before,
+        before a session is resumed; returns whether to continue. By default no finding is accepted.
     before_flats
         Called once before the first flat. When it returns, the white card must be under the camera,
         unless Ctrl-C was pressed meanwhile.
@@ -74,6 +94,7 @@ class RecordingHooks:
     on_event: OnEvent = _nothing
     on_stop: Callable[[], None] = _nothing
     on_damage: Callable[[str], None] = _nothing
+    accept: OnDoubt = _refuse
     before_flats: Callable[[], None] = _nothing
 
 
@@ -221,6 +242,22 @@ class Recording:
                 raise StoppedError("stopped by Ctrl-C while earlier frames were checked")
         self._report_damage()
         self._writer.proofs.check_undamaged()
+
+    def compare_repeat(self) -> None:
+        """Compare the repeat with its light once, and write the result.
+
+        Raises
+        ------
+        DataError
+            If one of the two frames is damaged.
+        StorageError
+            If the disk refuses.
+        """
+        session = Session.open(self._writer.folder)
+        details = compared_repeat(session.manifest.camera, session.frames, session.events)
+        if details is not None:
+            self._writer.write_event(COMPARED, **details)
+            self._hooks.on_event(COMPARED, details)
 
     def _report_damage(self) -> None:
         for damage in self._writer.proofs.damage:

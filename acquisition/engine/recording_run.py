@@ -83,6 +83,7 @@ def carry_out(
                 recording.event(name, **details)
             recording.run(stop)
             recording.wait_for_checks(stop)
+            recording.compare_repeat()
         except BaseException as error:
             # LEDs off first, then finish the writes, then write the event.
             confirmed = _turn_leds_off(rig, error)

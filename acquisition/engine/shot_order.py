@@ -42,12 +42,17 @@ class Agenda:
     def again(self, shot: PlannedShot) -> None:
         """Add a rejected shot again: before the shots compared with it, otherwise at the end.
 
-        All shots except flats stay before the flats, for which the white card covers the object.
+        The repeat stays after all lights, and flats after all others, since the white card covers
+        the object for them.
         """
-        flats = sum(left.role == "flat" for left in self._shots)
-        end = len(self._shots) - (0 if shot.role == "flat" else flats)
+        end = sum(_rank(left) <= _rank(shot) for left in self._shots)
         judged = (i for i, left in enumerate(self._shots) if _is_compared(left, shot))
         self._shots.insert(min(next(judged, end), end), shot)
+
+
+def _rank(shot: PlannedShot) -> int:
+    """Return the place of a role that is taken after the others."""
+    return {"repeat": 1, "flat": 2}.get(shot.role, 0)
 
 
 def _is_compared(shot: PlannedShot, other: PlannedShot) -> bool:

@@ -225,7 +225,8 @@ def prepare_export(
     session = Session.open(folder)
     source = read_source(folder, lights=lights, mask_path=mask_path)
     warnings = list(source.warnings)
-    pairs = list(zip(session.frames, source.frames, strict=True))
+    recorded = (frame for frame in session.frames if frame.role != "repeat")
+    pairs = list(zip(recorded, source.frames, strict=True))
     if layout != "exr":
         if source.lights is None:
             raise DataError(

@@ -360,17 +360,17 @@ def estimate_metered(
     >>> from acquisition.metering import estimate_metered
     >>> plan = CapturePlan(leds="0-35", exposures_us=(10_000.0,))
     >>> estimate_metered(plan, each=True, width=640, height=512)
-    (PlanEstimate(shots=72, exposure_s=1.08, seconds=1.08, bytes=47185920), 576)
+    (PlanEstimate(shots=73, exposure_s=1.09, seconds=1.09, bytes=47841280), 576)
     """
     shots = plan.shots()
     exposures_us = [shot.exposure_us or 0.0 for shot in shots]
-    unlit_us = [shot.exposure_us or 0.0 for shot in shots if shot.role in ("dark", "ambient")]
+    unlit_us = [shot.exposure_us or 0.0 for shot in shots if shot.led is None]
     own_us = [us for led in plan.leds for us in plan.exposures_of(led)]
     if each:
         # As many unlit frames of each exposure time as the plan has, for those of all LEDs.
         roles = len(unlit_us) // len(plan.distinct_exposures_us)
         exposures_us = [
-            *(shot.exposure_us or 0.0 for shot in shots if shot.role in ("light", "flat")),
+            *(shot.exposure_us or 0.0 for shot in shots if shot.led is not None),
             *own_us * roles,
         ]
     count = len(exposures_us)

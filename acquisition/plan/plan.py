@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, Final, Self
@@ -118,6 +118,10 @@ class CapturePlan(BaseModel):
         Number of frames of a white card for each bracket, at the end, 0 to 1000. Each is lit by one
         LED; the LEDs are spread evenly over ``leds``. With as many flats as LEDs, each LED lights
         one.
+    repeat
+        Take the first light again after all others and before the flats. It shows whether the
+        camera or the object moved or the light faded meanwhile, and is not used otherwise. A
+        session that is resumed begins with a repeat of its last light.
     gain_db
         Analogue gain, the same for all shots.
     sequence
@@ -137,6 +141,7 @@ class CapturePlan(BaseModel):
     dark: _Flag = True
     ambient: _Flag = False
     flats: Annotated[int, Field(strict=True, ge=0, le=1000)] = 0
+    repeat: _Flag = True
     gain_db: Annotated[float, Field(strict=True, ge=0, allow_inf_nan=False)] = 0.0
     sequence: _Flag = False
     retakes: Annotated[int, Field(strict=True, ge=0, le=100)] = 0
@@ -267,7 +272,9 @@ class CapturePlan(BaseModel):
         return validated(CapturePlan, {**self.model_dump(), **values}, Path("plan"))
 
     def shots(self) -> tuple[PlannedShot, ...]:
-        """Return the shots in the order in which they are taken: dark, ambient, lights, flats.
+        """Return the shots in the order in which they are taken.
+
+        These are dark frames, ambient frames, lights, the repeat of the first light, and flats.
 
         The exposure time changes as rarely as possible, because cameras take time for it: first
         each LED's longest exposure, then its next, and within these all LEDs of one exposure time
@@ -293,7 +300,8 @@ class CapturePlan(BaseModel):
             for number, led in enumerate(self._flat_leds())
             for bracket in [self._from_longest(led)[rank]]
         ]
-        return (*unlit, *lit, *flats)
+        repeats = [replace(lit[0], role="repeat")] if self.repeat else []
+        return (*unlit, *lit, *repeats, *flats)
 
     def _from_longest(self, led: int) -> list[int]:
         """Return the brackets sorted by the LED's exposure time, longest first."""
@@ -328,7 +336,7 @@ def read_plan(path: Path) -> CapturePlan:
     >>> from acquisition import read_plan
     >>> _ = Path("plan.toml").write_text('leds = "0-35"\nexposures_us = [10000.0]\n')
     >>> read_plan(Path("plan.toml"))
-    CapturePlan(36 LEDs, 1 bracket, 37 shots)
+    CapturePlan(36 LEDs, 1 bracket, 38 shots)
     """
     return read_toml(CapturePlan, path)
 
@@ -375,7 +383,7 @@ def estimate_plan(
     >>> from acquisition.plan import estimate_plan
     >>> plan = CapturePlan(leds="0-35", exposures_us=(10_000.0,))
     >>> estimate_plan(plan, width=640, height=512)
-    PlanEstimate(shots=37, exposure_s=0.37, seconds=0.37, bytes=24248320)
+    PlanEstimate(shots=38, exposure_s=0.38, seconds=0.38, bytes=24903680)
     """
     shots = plan.shots()
     exposure_s = sum(shot.exposure_us or 0.0 for shot in shots) / 1e6

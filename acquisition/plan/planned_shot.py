@@ -7,7 +7,7 @@ from typing import Literal
 
 from acquisition.values.lights import led_id
 
-Role = Literal["light", "dark", "ambient", "flat"]
+Role = Literal["light", "dark", "ambient", "flat", "repeat"]
 ShotKey = tuple[Role, int | None, int, int]
 
 
@@ -18,8 +18,8 @@ class PlannedShot:
     Parameters
     ----------
     role
-        ``light`` (one LED is on), ``dark``, ``ambient`` (both with all LEDs off) or ``flat`` (a
-        white card).
+        ``light`` (one LED is on), ``dark``, ``ambient`` (both with all LEDs off), ``flat`` (a
+        white card) or ``repeat`` (the first light again, after all others).
     led
         Number from 0 of the LED that is on, None if all are off; None, too, for a flat under an
         unknown LED (a session without a plan).
@@ -42,7 +42,7 @@ class PlannedShot:
     def key(self) -> ShotKey:
         """Identity of the shot; a retake has the key of the shot that it replaces.
 
-        The LED of a light is part of it, the LED of a flat is not.
+        The LED of a light or repeat is part of it, the LED of a flat is not.
         """
         return self.role, None if self.role == "flat" else self.led, self.bracket, self.repeat
 
@@ -58,6 +58,8 @@ class PlannedShot:
     def _stem(self) -> str:
         if self.role == "flat":
             return f"F_E{self.bracket}"
+        if self.led is not None and self.role == "repeat":
+            return f"R_{led_id(self.led)}_E{self.bracket}"
         if self.led is not None:
             return f"{led_id(self.led)}_E{self.bracket}"
         letter = "D" if self.role == "dark" else "A"

@@ -53,6 +53,11 @@ class Preflight:
         """The checks that failed."""
         return tuple(check for check in self.checks if check.state == "failed")
 
+    @property
+    def doubtful(self) -> tuple[Check, ...]:
+        """The checks after which a recording is useless unless their finding is accepted."""
+        return tuple(check for check in self.checks if check.doubt)
+
     def details(self) -> dict[str, Any]:
         """Return the details of the event ``checked`` of a session."""
         return {

@@ -21,6 +21,10 @@ _CODES: Final = {
     "room light": "check-room-light",
     "steadiness": "check-steadiness",
     "LEDs": "check-leds",
+    # Findings after which a recording is useless.
+    "exposure-saturated": "exposure-saturated",
+    "exposure-too-dark": "exposure-too-dark",
+    "room-light-strong": "room-light-strong",
 }
 _SEVERITIES: Final[dict[State, Severity]] = {
     "ok": "info",
@@ -45,6 +49,8 @@ class Check:
         One line with the finding and, unless the state is ``ok``, what to do.
     values
         The measured values, with units in their names.
+    doubt
+        Code of a finding after which a recording is useless unless it is accepted; otherwise empty.
     findings
         The findings, if there are several, each with what to do; ``text`` joins them.
     """
@@ -54,6 +60,7 @@ class Check:
     text: str
     values: Mapping[str, float | int | str | None] = field(default_factory=dict)
     findings: tuple[str, ...] = ()
+    doubt: str = ""
 
     __repr__ = short_repr
 
@@ -66,4 +73,5 @@ class Check:
     def notices(self) -> tuple[Notice, ...]:
         """The check as notices, one for each finding: errors if it failed."""
         severity = _SEVERITIES[self.state]
-        return tuple(Notice(_CODES[self.name], line, self.name, severity) for line in self.lines)
+        of = self.doubt or self.name
+        return tuple(Notice(_CODES[of], line, self.name, severity) for line in self.lines)

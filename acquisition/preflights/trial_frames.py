@@ -16,6 +16,10 @@ _CONTRAST = 0.002
 _CLIPPED = 0.01
 _DIM = 0.2
 _ROOM = 0.02
+# Beyond these a recording is useless: share of saturated samples, of full scale, of an LED's light.
+_MOSTLY_CLIPPED = 0.1
+_DARK = 0.02
+_BRIGHT_ROOM = 0.5
 _BENT, _STRONGLY_BENT = 0.02, 0.05
 _UNSTEADY = 0.01
 _LEAST_LIGHT_DN = 2.0
@@ -121,9 +125,12 @@ def check_exposure(
         return Check("exposure", "failed", text, values)
     if clipped[short_us] > _CLIPPED:
         text = f"{finding}: shorten the exposure, add a shorter bracket, or meter"
-        return Check("exposure", "warning", text, values)
+        doubt = "exposure-saturated" if clipped[short_us] > _MOSTLY_CLIPPED else ""
+        return Check("exposure", "warning", text, values, doubt=doubt)
     if level < _DIM:
-        return Check("exposure", "warning", f"{finding}: lengthen the exposure, or meter", values)
+        text = f"{finding}: lengthen the exposure, or meter"
+        doubt = "exposure-too-dark" if level < _DARK else ""
+        return Check("exposure", "warning", text, values, doubt=doubt)
     return Check("exposure", "ok", finding, values)
 
 
@@ -170,7 +177,8 @@ def check_room(trials: Trials) -> Check:
     values = {"share": round(share, 4), "room_dn": room_dn}
     if share > _ROOM:
         text = f"{finding}: darken the room; dark or ambient frames correct steady light only"
-        return Check("room light", "warning", text, values)
+        doubt = "room-light-strong" if share > _BRIGHT_ROOM else ""
+        return Check("room light", "warning", text, values, doubt=doubt)
     return Check("room light", "ok", finding, values)
 
 

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model, model_validator
 
 from acquisition._errors import DataError
 from acquisition.session.journal import (
     CAMERA_SETTINGS,
     COMPACTED,
+    COMPARED,
     LEFT_OUT,
     REOPENED,
     SET_ASIDE,
@@ -31,6 +32,8 @@ _Fraction = Annotated[float, Field(ge=0, le=1)]
 _Exposure = Annotated[float, Field(gt=0)]
 _Count = Annotated[int, Field(ge=0)]
 _Seconds = Annotated[float, Field(ge=0)]
+_Pair = Annotated[list[float | None], Field(min_length=2, max_length=2)]
+FrameName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9._-]*$")]
 _Setting = bool | int | float | str
 _KeptPath = Annotated[str, Field(pattern=r"^derived/set_aside/[A-Za-z0-9_][A-Za-z0-9._-]*$")]
 
@@ -116,6 +119,26 @@ class _Ended(_AtLeast):
     leds_confirmed_off: bool | None = None
 
 
+class _Compared(_AtLeast):
+    file: FrameName | None
+    light: FrameName
+    shift_px: _Pair
+    shift_sigma_px: _Pair
+    gain: float | None
+    gain_sigma: float | None
+    focus: float | None
+    focus_sigma: float | None
+    other_fraction: _Fraction | None
+    other_box: Annotated[list[int], Field(min_length=4, max_length=4)] | None
+    same_object: bool
+
+    @model_validator(mode="after")
+    def _located(self) -> Self:
+        if self.other_fraction is not None and not self.same_object and self.other_box is None:
+            raise ValueError("other_box is missing")
+        return self
+
+
 class _FromFiles(_AtLeast):
     iso: float | None = None
     f_number: float | None = None
@@ -156,6 +179,7 @@ _SCHEMAS: Final[dict[str, tuple[type[BaseModel], int]]] = {
     "no_light_seen": (_fields(led=Index, exposure_us=_Exposure), 3),
     "paused": (_fields(reason=str, waiting=_Count), 3),
     "resumed": (_fields(seconds=_Seconds), 3),
+    COMPARED: (_Compared, 5),
     "not_sequenced": (_fields(reason=str), 3),
     "interrupted": (_Ended, 3),
     "failed": (_Ended, 3),

@@ -33,6 +33,8 @@ from rig.messages import validation_message
 GENESIS = "0" * 64
 # Settings of the camera, when a recording starts or is resumed.
 CAMERA_SETTINGS = "camera_settings"
+# Comparison of two frames of the same light.
+COMPARED = "compared"
 # Events that readers act on.
 COMPACTED = "compacted"
 LEFT_OUT = "left_out"
@@ -117,12 +119,12 @@ class Echo(LinePart):
 class FrameLine(_Line):
     """A frame that is safe on disk. A frame without a complete line does not exist.
 
-    ``led`` is part of the identity: the LED of a light, None for other roles; the LED of a flat is
-    in ``echo``. ``exposure_us`` is the exposure time that the camera reported, ``origin`` the
-    source file of an imported frame. A frame with status ``rejected`` is kept but does not count.
-    ``mean_dn`` is the mean grey value. ``above_dark`` of a lit frame is the difference of its mean
-    from that of the frame with all LEDs off at the same exposure, as a fraction of the range from
-    black to white. None stands for unknown values.
+    ``led`` is part of the identity: the LED of a light or repeat, None for other roles; the LED of
+    a flat is in ``echo``. ``exposure_us`` is the exposure time that the camera reported,
+    ``origin`` the source file of an imported frame. A frame with status ``rejected`` is kept but
+    does not count. ``mean_dn`` is the mean grey value. ``above_dark`` of a lit frame is the
+    difference of its mean from that of the frame with all LEDs off at the same exposure, as a
+    fraction of the range from black to white. None stands for unknown values.
     """
 
     kind: Literal["frame"] = "frame"
@@ -163,7 +165,7 @@ class FrameLine(_Line):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        if (self.led is None) is (self.role == "light"):
+        if (self.led is None) is (self.role in ("light", "repeat")):
             needed = "needs an LED" if self.led is None else f"has no LED, not {self.led}"
             raise ValueError(f"a {self.role} frame {needed}")
         if self.role in ("dark", "ambient") and self.above_dark is not None:

@@ -190,6 +190,8 @@ class _Reading:
             return f"format version 1 has no key {min(keys)!r}"
         if self.recorded.version > 1 and keys != required:
             return f"the key {min(required - keys)!r} is missing"
+        if line.role == "repeat" and self.recorded.version < 5:
+            return f"format version {self.recorded.version} has no role 'repeat'"
         if self._has_plan and line.key not in self._shots:
             return f"{line.file} is not in the plan of session.toml"
         if line.percentiles_dn["100"] >= 2**camera.bit_depth:

@@ -28,10 +28,10 @@ from acquisition.values.lights import Lights
 from acquisition.values.noise_model import NoiseModel
 from rig import Mounting
 
-FORMAT_VERSION: Final = 4
-_READ: Final = (1, 2, 3, FORMAT_VERSION)
+FORMAT_VERSION: Final = 5
+_READ: Final = (1, 2, 3, 4, FORMAT_VERSION)
 # Versions that this program can write: a session of an older version keeps its version.
-_WRITTEN: Final = (2, 3, FORMAT_VERSION)
+_WRITTEN: Final = (2, 3, 4, FORMAT_VERSION)
 # Keys that a version added, by table; "" is the file itself. Version 4 also has another form of the
 # lights.
 _ADDED: Final[dict[int, dict[str, tuple[str, ...]]]] = {
@@ -51,6 +51,7 @@ _ADDED: Final[dict[int, dict[str, tuple[str, ...]]]] = {
         "rig": ("led_positions_mm", "led_positions_sigma_mm"),
         "camera": ("black_levels_dn",),
     },
+    5: {"plan": ("repeat",)},
 }
 
 # Devices and driver of the simulator, by the names that they report.
@@ -220,7 +221,7 @@ class Manifest(Table):
     session without it is linear.
     """
 
-    format_version: Literal[1, 2, 3, 4] = FORMAT_VERSION
+    format_version: Literal[1, 2, 3, 4, 5] = FORMAT_VERSION
     started_utc: AwareDatetime
     operator: str
     object: str
@@ -253,6 +254,18 @@ class Manifest(Table):
         """Whether rig or camera are simulated, by the names that they reported or by `origin`."""
         devices = self.camera.simulated or (self.rig is not None and self.rig.simulated)
         return devices or self.origin == "simulated"
+
+    def planned(self, asked: CapturePlan) -> CapturePlan:
+        """Return a requested plan as a session with this rig and format would have stored it.
+
+        Raises
+        ------
+        DataError
+            If every LED of the plan is dead.
+        """
+        if self.rig is not None:
+            asked, _ = asked.without(self.rig.dead_leds)
+        return asked.changed(repeat=False) if self.format_version < 5 else asked
 
     def check_current(self, folder: Path) -> None:
         """Refuse to continue a session of a format version that this program does not write.
@@ -333,6 +346,8 @@ def parse_manifest(data: bytes, path: Path) -> Manifest:
     for since, tables in _ADDED.items():
         if version < since:
             _refuse_added(values, path, tables)
+    if version < 5 and isinstance(values.get("plan"), dict):
+        values["plan"] = {**values["plan"], "repeat": False}
     if version < 4 and "lights" in values:
         columns = validated(_OldLights, {"lights": values["lights"]}, path).lights
         with named(path):

@@ -11,6 +11,7 @@ from acquisition._errors import DataError, MissingPathError
 from acquisition.files.storage import is_hidden, sha256_of
 from acquisition.plan.planned_shot import PlannedShot
 from acquisition.session.clock_steps import clock_steps
+from acquisition.session.comparisons import comparison_notices
 from acquisition.session.journal import EventLine, Journal, StartLine, parse_journal
 from acquisition.session.journal_frames import SetAsideFrame, recorded_frames
 from acquisition.session.layout import (
@@ -223,6 +224,9 @@ def _examine(folder: Path) -> Examination:
     counted = recorded.counted()
     found += _unmatched_lights(folder, manifest, counted.values())
     events = tuple(line for line in journal.lines if isinstance(line, EventLine))
+    # Older versions do not check the details of this event.
+    if recorded.version >= 5 and not recorded.problems:
+        found += comparison_notices(folder, events)
     dead = _dead_leds(events, manifest)
     absent = [shot for shot in planned if shot.key not in counted]
     missing = tuple(shot for shot in absent if shot.led not in dead)
@@ -301,7 +305,7 @@ def _unrecorded_hint(folder: Path, recorded: set[str]) -> Iterator[Notice]:
     if many:
         yield Notice("journal-lines-lost", text, str(folder / FRAMES))
     else:
-        yield Notice("frames-without-line", text, str(folder / FRAMES))
+        yield Notice("frames-without-line", text, str(folder / FRAMES), "info")
 
 
 def _bytes(path: Path, most_bytes: int) -> bytes | None:

@@ -54,7 +54,7 @@ class SessionFrame:
 
     @property
     def role(self) -> Role:
-        """``light``, ``dark``, ``ambient`` or ``flat``."""
+        """``light``, ``dark``, ``ambient``, ``flat`` or ``repeat``."""
         return self.line.role
 
     @property
@@ -70,7 +70,9 @@ class SessionFrame:
     @property
     def light_id(self) -> str:
         """``L07`` for a light frame of LED 7, otherwise the stem of the file."""
-        return Path(self.line.file).stem if self.line.led is None else led_id(self.line.led)
+        if self.role != "light" or self.line.led is None:
+            return Path(self.line.file).stem
+        return led_id(self.line.led)
 
     @property
     def bracket(self) -> int:

@@ -58,6 +58,7 @@ def read_session(folder: Path, options: ReadOptions) -> Source:
             gain_db=recorded.line.gain_db,
         )
         for recorded in session.frames
+        if recorded.role != "repeat"
     )
     if not frames:
         raise DataError(f"{folder}: the session has no frames: record or resume it")

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from acquisition._errors import DataError
 from acquisition.values.image_names import light_id, unpadded
-from acquisition.values.light_errors import LightErrors
+from acquisition.values.light_errors import LightErrors, tangent_basis
 from acquisition.values.running_numbers import pair_by_number
 from acquisition.values.setup import Calibrated
 from rig import Notice, pluralize
@@ -174,6 +174,52 @@ class Lights:
             errors=errors,
             calibrated=self.calibrated,
         )
+
+    def at_distance(self, distance_mm: float, around_mm: npt.ArrayLike = (0.0, 0.0, 0.0)) -> Lights:
+        """Return lights with directions as lights at a distance from the point they refer to.
+
+        The lamps are equally bright in all directions, and at this point as bright as before.
+
+        Parameters
+        ----------
+        distance_mm
+            Distance of all lights from the point.
+        around_mm
+            The point, in the house frame.
+
+        Raises
+        ------
+        DataError
+            If the lights have positions, the distance is not a number above 0, or a light comes to
+            lie at the origin, for which intensities are stated.
+
+        Examples
+        --------
+        >>> from acquisition import Lights
+        >>> dome = Lights(directions=[[0, 0, 1], [0.6, 0, 0.8]]).at_distance(500)
+        >>> dome.positions_mm.tolist()
+        [[0.0, 0.0, 500.0], [300.0, 0.0, 400.0]]
+        """
+        if self.near:
+            raise DataError("the lights have positions: a distance is for lights with directions")
+        if not 0 < distance_mm < _LARGEST:
+            raise DataError(f"a distance of the lights of {distance_mm:g} mm is not usable")
+        around = np.asarray(around_mm, np.float64)
+        directions, errors = self.unit_directions, self.errors
+        if errors is not None and errors.covariances is not None:
+            basis = distance_mm * tangent_basis(directions)
+            covariances = basis.transpose(0, 2, 1) @ errors.covariances @ basis
+            errors = replace(errors, covariances=covariances)
+        near = Lights(
+            positions_mm=around + distance_mm * directions,
+            axes=-directions,
+            ids=self.ids,
+            calibrated=self.calibrated,
+        )
+        seen = np.linalg.norm(near.vectors_at(around), axis=1)[:, None]
+        if errors is not None and errors.intensity_std is not None:
+            errors = replace(errors, intensity_std=errors.intensity_std / seen)
+        return replace(near, intensities=np.asarray(self.intensities) / seen, errors=errors)
 
     def take(self, indices: Sequence[int]) -> Lights:
         """Return the lights with these indices, in this order."""

@@ -405,7 +405,7 @@ CASES: dict[str, Case] = {
     ),
     "lights_z_sign": Case("-", (1,), _signed(1, 1, -1), ("lights-reversed", *_FLIPS)),
     "lights_y_sign": Case("-", (1,), _signed(1, -1, 1), _FLIPS),
-    "directions_only": Case("-", (1,), _directions_only, ("lights-near",), near=True),
+    "directions_only": Case("-", (1,), _directions_only, ("lights-not-distant",), near=True),
     "half_moved": Case(
         "px", (2, 1, 4), _with(_half_moved), ("images-moved", "images-drift", *_SHIFTS)
     ),

@@ -100,7 +100,7 @@ def main(words: Sequence[str] | None = None) -> int:
         print(f"error: {error_text(error)}", file=sys.stderr)
         return exit_code(error)
     for notice in result.warnings:
-        note(f"note: {notice}")
+        note(f"{notice.label}: {notice}")
     print(*result.summary, sep="\n")
     return 0
 

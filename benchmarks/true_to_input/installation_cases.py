@@ -10,16 +10,21 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
 import cv2
 import numpy as np
-from true_to_input.case import Outcome, cases, later
+from true_to_input.case import Outcome, cases, emptied, later
 
 _PACKAGES = ("acquisition", "calibration", "processing", "rig", "sgp", "simulator")
 _NOWHERE = "/proc/nonexistent"
-_COMPARE = ("-m", "sgp", "compare", "map.png", "map.png", "--json")
+# A command that compiles few kernels.
+_COMBINE = (
+    *("-m", "sgp", "detail", "combine", "map.png", "map.png", "--force", "--json", "--out"),
+    "out",
+)
 _NOTEBOOK = (
     "-W",
     "always",
@@ -58,7 +63,7 @@ class _Installation:
 
     def run(
         self,
-        words: Sequence[str] = _COMPARE,
+        words: Sequence[str] = _COMBINE,
         *,
         locked: Sequence[Path] = (),
         mounts: Sequence[str] = (),
@@ -139,7 +144,7 @@ def _says_once(folder: Path) -> Outcome:
 
 
 @later
-def _nowhere(folder: Path, words: Sequence[str] = _COMPARE) -> Outcome:
+def _nowhere(folder: Path, words: Sequence[str] = _COMBINE) -> Outcome:
     place = _Installation(folder)
     outside = [Path(name) for name in ("/tmp", "/var/tmp", "/dev/shm") if Path(name).is_dir()]
     ran = place.run(words, locked=[*outside, place.folder])
@@ -180,13 +185,20 @@ def _full(folder: Path) -> Outcome:
     return _judged(ran, stated=("every run",))
 
 
+@cache
+def _compiled(folder: Path) -> _Installation:
+    """Return an installation with kernels; a case that damages them ends with new ones."""
+    place = _Installation(emptied(folder / "compiled"))
+    place.run()
+    return place
+
+
 @later
 def _corrupted(folder: Path, kind: str) -> Outcome:
-    place = _Installation(folder)
-    first = place.run()
-    if not first.ok:
-        return _judged(first)
+    place = _compiled(folder.parent)
     files = [path for path in place.kernels(place.packages) if path.suffix == kind[:4]]
+    if not files:
+        return Outcome("wrong", "no kernels are kept")
     for number, path in enumerate(files):
         data = path.read_bytes()
         middle = len(data) // 2
@@ -198,9 +210,9 @@ def _corrupted(folder: Path, kind: str) -> Outcome:
             + data[middle + 64 :],
         }[kind[5:]]  # fmt: skip
         path.write_bytes(changed)
-    again = place.run()
-    if not again.ok:
-        return _judged(again)
+    again = _judged(place.run(), stated=("compil",))
+    if again.kind != "applied and stated":
+        return again
     return _judged(place.run(), silent=("compil",))
 
 
@@ -237,7 +249,7 @@ def _together(folder: Path) -> Outcome:
     """Three processes compile the same kernels at once; a fourth one finds them."""
     place = _Installation(folder)
     with ThreadPoolExecutor(3) as pool:
-        ran = [*pool.map(lambda _: place.run(), range(3))]
+        ran = [*pool.map(lambda out: place.run((*_COMBINE[:-1], out)), ("a", "b", "c"))]
     bad = next((one for one in ran if not one.ok), None)
     return _judged(bad or place.run(), silent=("compil",))
 

@@ -1,4 +1,4 @@
-"""Whether images, lights and normals of a recording agree."""
+"""Whether images, lights and normals of a recording agree, and whether the result can be used."""
 
 import lazy_loader
 

@@ -4,5 +4,7 @@ from .scheme_check import Disagreement as Disagreement
 from .scheme_check import SchemeCheck as SchemeCheck
 from .strengths import LightStrengths as LightStrengths
 from .strengths import light_strengths as light_strengths
+from .verdict import MISSING_DEG as MISSING_DEG
+from .verdict import Answer as Answer
 from .verdict import Cause as Cause
 from .verdict import Verdict as Verdict

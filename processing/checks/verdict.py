@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from rig import Notice
+from processing.checks.causes import KINDS
+from rig import Notice, Severity
 
 Answer = Literal["good", "check", "do-not-use"]
 
@@ -14,6 +16,10 @@ Answer = Literal["good", "check", "do-not-use"]
 # standard deviation that they must exceed, too.
 _MATTERS_DEG, _MATTERS_SIGMAS = 1.0, 1.0
 _FORBIDS_DEG, _FORBIDS_SIGMAS = 5.0, 3.0
+# Error of a pixel without a normal.
+MISSING_DEG = 90.0
+# Larger standard deviations count as this one: residuals by a mistake make them large, too.
+_LARGEST_SIGMA_DEG = 5.0
 
 
 @dataclass(frozen=True)
@@ -29,7 +35,8 @@ class Cause:
     size, unit, sigma
         How much, in which unit, and the standard deviation; NaN if the cause has no size.
     normals_deg
-        How much it changes the normals: root mean square over the object, in degrees.
+        How much it changes the normals: root mean square over the object, in degrees. NaN if it
+        is not known; 90 if it leaves none, as a pixel without a normal counts elsewhere.
     height_mm
         How much it changes the heights, likewise in mm; NaN if it is not known.
     remedy
@@ -53,6 +60,32 @@ class Cause:
     inverts: bool = False
     alternatives: tuple[str, ...] = ()
     where: str = ""
+
+    @property
+    def effect(self) -> str:
+        """What it does to the result, in words; empty if that is not known."""
+        effects = []
+        if self.normals_deg == MISSING_DEG:
+            effects.append("too few images for normals")
+        elif math.isfinite(self.normals_deg):
+            effects.append(f"normals change by {self.normals_deg:.2g} deg")
+        if math.isfinite(self.height_mm):
+            effects.append(f"heights change by {self.height_mm:.2g} mm")
+        if self.inverts:
+            effects.append("the relief is inverted")
+        return ", ".join(effects)
+
+    @property
+    def described(self) -> str:
+        """What is wrong, other causes that would explain it, and the effect."""
+        others = [KINDS[name].noun if name in KINDS else name for name in self.alternatives]
+        besides = f", or {' or '.join(others)}" if others else ""
+        effect = f" ({self.effect})" if self.effect else ""
+        return f"{self.text}{besides}{effect}"
+
+    def matters(self, least_deg: float) -> bool:
+        """Return whether it changes normals by more than this, or by an unknown angle."""
+        return self.inverts or not self.normals_deg <= least_deg
 
 
 @dataclass(frozen=True)
@@ -100,34 +133,44 @@ class Verdict:
         >>> Verdict((), sigma_deg=0.3, residual=0.2, noise=0.02, unexplained_deg=2).answer
         'check'
         """
-        effects = [cause.normals_deg for cause in self.causes]
-        worst = max(effects, default=0.0)
-        forbidden = worst > max(_FORBIDS_DEG, _FORBIDS_SIGMAS * self.sigma_deg)
-        if forbidden or any(cause.inverts for cause in self.causes):
+        forbids = max(_FORBIDS_DEG, _FORBIDS_SIGMAS * self._sigma_deg)
+        if any(cause.inverts or cause.normals_deg > forbids for cause in self.causes):
             return "do-not-use"
-        matters = max(_MATTERS_DEG, _MATTERS_SIGMAS * self.sigma_deg)
-        return "check" if max(worst, self.unexplained_deg) > matters else "good"
+        doubtful = bool(self.harmful) or self.unexplained_deg > self.matters_deg
+        return "check" if doubtful else "good"
+
+    @property
+    def matters_deg(self) -> float:
+        """The change of normals, in degrees, that a good result does not exceed."""
+        return max(_MATTERS_DEG, _MATTERS_SIGMAS * self._sigma_deg)
+
+    @property
+    def _sigma_deg(self) -> float:
+        return min(self.sigma_deg, _LARGEST_SIGMA_DEG)
+
+    @property
+    def harmful(self) -> tuple[Cause, ...]:
+        """The causes that change the normals by more, or by an unknown angle."""
+        return tuple(cause for cause in self.causes if cause.matters(self.matters_deg))
 
     @property
     def notices(self) -> tuple[Notice, ...]:
         """The causes and an unexplained residual, for people."""
-        matters = max(_MATTERS_DEG, _MATTERS_SIGMAS * self.sigma_deg)
+        matters = self.matters_deg
         found = [_notice(cause, matters) for cause in self.causes]
         if self.unexplained_deg > matters:
-            times = self.residual / self.noise
+            times = ""
+            if self.noise > 0:
+                times = f", {self.residual / self.noise:.1f} times the noise,"
             text = (
-                f"a residual of {self.residual:.1%} of the signal, {times:.1f} times the noise, is "
-                f"not explained: no cause found among {', '.join(self.tried)}"
+                f"a residual of {self.residual:.1%} of the signal{times} is not explained: no "
+                f"cause found among {', '.join(self.tried)}"
             )
             found.append(Notice("residual-unexplained", text))
         return tuple(found)
 
 
 def _notice(cause: Cause, matters: float) -> Notice:
-    harmful = cause.inverts or cause.normals_deg > matters
-    effect = f"normals change by {cause.normals_deg:.2g} deg"
-    if cause.height_mm == cause.height_mm:
-        effect += f", heights by {cause.height_mm:.2g} mm"
-    besides = f" (or {' or '.join(cause.alternatives)})" if cause.alternatives else ""
-    text = f"{cause.text}{besides}: {effect}; {cause.remedy}"
-    return Notice(cause.name, text, cause.where, "warning" if harmful else "info")
+    text = "; ".join(filter(None, (cause.described, cause.remedy)))
+    severity: Severity = "warning" if cause.matters(matters) else "info"
+    return Notice(cause.name, text, cause.where, severity)

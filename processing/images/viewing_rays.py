@@ -88,6 +88,11 @@ class Perspective:
         points += self.camera.centre_mm
         return points
 
+    def rise(self, points: Float64) -> Float64:
+        """Return the change ``(P, 3)`` of points ``(P, 3)`` that rise by 1 mm in their pixels."""
+        toward = self.camera.centre_mm - points
+        return np.asarray(toward / toward[:, 2:], np.float64)
+
     def downscaled(self, factor: int) -> Perspective:
         """Return the view of an image whose pixels are blocks of these."""
         return replace(self, camera=self.camera.downscaled(factor))
@@ -145,6 +150,10 @@ class Parallel:
         points = np.stack([x * self.pixel_mm, y * self.pixel_mm, np.zeros(x.shape)], axis=-1)
         points[..., 2] -= np.asarray(depth_mm)
         return points
+
+    def rise(self, points: Float64) -> Float64:
+        """Return the change ``(P, 3)`` of points ``(P, 3)`` that rise by 1 mm in their pixels."""
+        return np.broadcast_to([0.0, 0.0, 1.0], points.shape)
 
     def downscaled(self, factor: int) -> Parallel:
         """Return the view of an image whose pixels are blocks of these."""
@@ -204,11 +213,23 @@ def view_of(source: Source, pixel_mm: float | None) -> View:
         )
     if camera is not None:
         return Perspective(replace(camera, working_distance_mm=pixel_mm * camera.focal_px))
+    return Parallel(pixel_mm, source.size, _middle_px(source))
+
+
+def middle_mm(source: Source, view: View) -> Float64:
+    """Return the point ``(3,)`` of the working plane in the middle of the complete images."""
+    if isinstance(view, Parallel):
+        return np.zeros(3)
+    ray = view.camera.rays(np.array(_middle_px(source)))
+    return np.asarray(view.camera.centre_mm + view.distance_mm * ray, np.float64)
+
+
+def _middle_px(source: Source) -> tuple[float, float]:
+    """Return the middle (x, y) of the complete images, in pixels of the source."""
     height, width = source.frames[0].shape[:2]
     reduction = source.reduction
     x, y, factor = (0, 0, 1) if reduction is None else (reduction.x, reduction.y, reduction.factor)
-    whole = Parallel(pixel_mm / factor, source.size, ((width - 1) / 2 - x, (height - 1) / 2 - y))
-    return replace(whole.downscaled(factor), size=source.size)
+    return (width / 2 - x) / factor - 0.5, (height / 2 - y) / factor - 0.5
 
 
 def lights_of(source: Source, *, distant: bool) -> Lights:

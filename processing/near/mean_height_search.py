@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from acquisition import Lights
 from calibration import EstimateError
 from processing.checks.strength_fit import fit_strengths
-from processing.images.block_means import block_mean
+from processing.images.coarse_images import CoarseImages, coarse_images
 from processing.images.recorded_images import Images
 from processing.images.viewing_rays import View
 from processing.noise.reference_solver import correlation_of_neighbours
@@ -28,8 +28,6 @@ _STRENGTH_PIXELS = 250
 _STRENGTH_TRIED = 13
 # Of heights, relative to the range: a millimetre changes strengths by .2 %.
 _ACCURACY = 1e-3
-# Light vectors change slowly: this many pixels, averages of blocks, show the shape well enough.
-_PIXELS = 60_000
 # Pixels that show the mean height.
 _SAMPLED = 2500
 # The albedo and the normal of a pixel explain three samples at any height, and a fourth one hardly
@@ -109,42 +107,6 @@ class HeightWithStrengths:
         measured = fit.samples > 0
         cost = np.log1p(np.where(measured, fit.residuals / self._scale, 0.0) ** 2)
         return float(np.mean(cost.sum(axis=1) / measured.sum(axis=1)))
-
-
-@dataclass(frozen=True, eq=False)
-class CoarseImages:
-    """The images in averages of ``factor x factor`` pixels."""
-
-    values: Float32
-    mask: Bool
-    view: View
-    origins: Float64
-    rays: Float64
-    factor: int
-
-    def points(self, depth: Float64) -> Float64:
-        """Return the points at depths along the rays."""
-        return np.asarray(self.origins + depth[..., None] * self.rays, np.float64)
-
-
-def coarse_images(values: Images, mask: Bool, view: View) -> CoarseImages:
-    """Average blocks; a block with a missing sample or a pixel outside the mask is left out."""
-    factor = max(1, math.isqrt(int(np.count_nonzero(mask)) // _PIXELS))
-    while True:
-        height, width = (size // factor for size in mask.shape)
-        blocks = mask[: height * factor, : width * factor].reshape(height, factor, width, factor)
-        inside = np.asarray(blocks.all(axis=(1, 3)), np.bool_)
-        if factor == 1 or np.count_nonzero(inside) * factor**2 > 0.5 * np.count_nonzero(mask):
-            break
-        factor -= 1
-    small = view.downscaled(factor) if factor > 1 else view
-    if factor > 1:
-        # Averages of whole blocks; NaN spreads to its block.
-        window = slice(height * factor), slice(width * factor)
-        averages = np.stack([block_mean(image[window], factor) for image in values])
-    else:
-        averages = values if isinstance(values, np.ndarray) else values.stack().values
-    return CoarseImages(averages, inside, small, *small.rays(), factor)
 
 
 def raised(lights: Lights, rise_mm: float) -> Lights:

@@ -11,12 +11,11 @@ import numpy as np
 
 from acquisition import DataError, Lights
 from calibration import EstimateError
+from processing.images.coarse_images import CoarseImages, coarse_images
 from processing.images.recorded_images import Images
 from processing.images.viewing_rays import SurfacePoints, View
 from processing.near.mean_height_search import (
-    CoarseImages,
     MeanHeightSearch,
-    coarse_images,
     raised,
 )
 from processing.noise.normal_errors import STRUCTURED

@@ -14,6 +14,7 @@ from processing.near.near_height import NearHeight
 from processing.noise.normal_errors import STRUCTURED, sums_of
 from processing.noise.pixel_variances import Origin, PixelVariances, common_error, deviations
 from processing.noise.sample_kind import Reason, SampleKind
+from processing.stereo.normals_and_albedo import severity_of_loss
 from rig import Notice
 from rig.arrays import Bool, UInt8
 
@@ -105,11 +106,13 @@ def validity_notices(
     why = _list_of(reasons, mask & (reasons != Reason.VALID))
     if why:
         lost = sum(int(np.count_nonzero(reasons == reason)) for reason in _WHY)
+        total = int(np.count_nonzero(mask))
         text = (
-            f"{lost} of {np.count_nonzero(mask)} pixels of the mask are not lit by 3 lights that "
+            f"{lost} of {total} pixels of the mask are not lit by 3 lights that "
             f"determine a normal, and have none: {why}"
         )
-        notices.append(Notice("pixels-invalid", text))
+        severity = severity_of_loss(lost, total)
+        notices.append(Notice("pixels-invalid", text, severity=severity))
     if origin == "unknown":
         text = "too few samples of each pixel to estimate how sure the normals are"
         notices.append(Notice("normal-sigma-unknown", text, severity="info"))

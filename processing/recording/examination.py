@@ -6,13 +6,14 @@ import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from acquisition import DataError, Lights, Source
 from calibration import EstimateError, Stack
 from processing.checks.curve_check import curve_warnings
+from processing.checks.judge import Examined, judge
 from processing.checks.quality import ImageQuality, quality_of
 from processing.checks.scheme_check import exclusion
 from processing.checks.strengths import (
@@ -21,19 +22,23 @@ from processing.checks.strengths import (
     of_source,
     with_strengths,
 )
+from processing.checks.verdict import Verdict
 from processing.images.mosaic import blocks_of_sites
 from processing.images.recorded_images import Images, RecordedImages, RowSample
-from processing.images.viewing_rays import SurfacePoints, View, lights_of, view_of
+from processing.images.viewing_rays import SurfacePoints, View, lights_of, middle_mm, view_of
 from processing.maps.mask import mask_of_images
 from processing.near.mean_height_search import HeightWithStrengths
 from processing.near.near_height import Heights, NearHeight, height_limits
+from processing.series.light_distance import LightDistance, find_light_distance
 from processing.stereo.method import Method
-from rig import Notice, Progress
+from rig import Notice, Progress, Severity
 from rig.arrays import Bool, Float32, Intp
 
 # A computed mask beyond these probably contains background.
 _LARGEST_SHARE = 0.8
 _MOST_BORDERS = 3
+# A contrast above which a computed mask is hardly wrong; `object_mask` requires 3.
+_CLEAR = 10.0
 # An image shows no light if its brightest parts are below this fraction of those of the others.
 _BLACK = 0.02
 _THREADS = 2
@@ -44,9 +49,15 @@ _ROUNDS, _STATED_ROUNDS = 5, 2
 _SETTLED_MM = 0.5
 # A larger one in the last round is refused.
 _UNSETTLED_MM = 5.0
+# Notices about the height that say that images and lights contradict each other.
+_CAUSES = ("height-contradicted", "height-doubtful")
 # Relative error of strengths by that of a height that is found with them: on simulated objects it
 # is .05 to 1.2 %, and ten times what residuals show.
 _BY_HEIGHT = 0.01
+
+
+# Distance of lights that have only directions, mm.
+DistanceChoice = float | Literal["estimate"] | None
 
 
 class _Geometry(NamedTuple):
@@ -88,16 +99,29 @@ def geometry_of(
     *,
     rests_on_plane: bool,
     distant: bool,
+    light_distance_mm: DistanceChoice = None,
 ) -> _Geometry:
     """Return the geometry of a source, before any image is read.
 
     Raises
     ------
     DataError
-        If there are no lights, near lights have no scale, or a height is stated for distant ones.
+        If there are no lights, near lights have no scale, a height is stated for distant ones, or
+        a distance for lights with positions or for distant ones.
     """
-    lights = lights_of(source, distant=distant)
-    view = view_of(source, pixel_mm) if lights.near else None
+    lights, view = lights_of(source, distant=distant), None
+    if light_distance_mm is not None:
+        if distant or lights.near:
+            kind = "distant lights" if distant else "lights with positions"
+            raise DataError(
+                f"{source.path}: a distance is for lists of directions, not for {kind}: leave it "
+                "out"
+            )
+        view = view_of(source, pixel_mm)
+        if light_distance_mm != "estimate":
+            lights = lights.at_distance(light_distance_mm, middle_mm(source, view))
+    elif lights.near:
+        view = view_of(source, pixel_mm)
     if view is None and (height_mm is not None or rests_on_plane):
         raise DataError(
             f"{source.path}: a height matters only under lights with positions: leave it out"
@@ -143,7 +167,9 @@ def _object_of(
         "the images have no mask: one was computed; the object is "
         f"{computed.contrast:.0f} times as bright as the background"
     )
-    return computed.mask, [Notice("mask-estimated", text), *_mask_warning(computed.mask)]
+    doubt: Severity = "info" if computed.contrast > _CLEAR else "warning"
+    notice = Notice("mask-estimated", text, severity=doubt)
+    return computed.mask, [notice, *_mask_warning(computed.mask)]
 
 
 def _mask_warning(mask: Bool) -> list[Notice]:
@@ -195,8 +221,10 @@ class Examination:
         self.points = points
         self.near: NearHeight | None = None
         self.strengths: LightStrengths | None = None
+        self.light_distance: LightDistance | None = None
         self.excluded: tuple[str, ...] = ()
         self.warnings: list[Notice] = []
+        self._doubts: list[Notice] = []
         self.mask = mask
         self._heights = heights
         self.view = heights.view
@@ -208,12 +236,20 @@ class Examination:
             self.warnings += _unlit_notices(self.images, self.mask, ids, lit)
             self._take(lit)
 
+    def find_light_distance(self, view: View) -> None:
+        """Find the distance of lights that have only directions."""
+        middle = middle_mm(self.source, view)
+        found = find_light_distance(self.images, self.lights, self.mask, view, middle)
+        near = found.lights(lights_of(self.source, distant=False), middle)
+        self.source, self.light_distance = replace(self.source, lights=near), found
+        self.lights = near.take([near.ids.index(name) for name in self.lights.ids])
+
     def find_surface(self, *, semi_calibrated: bool) -> None:
         """Find the points of the surface, and the strengths of the lights if they are not known."""
         strengths = self._divided() if semi_calibrated else None
         # Before the height, which a wrong curve would bend.
         sample = self.sample()
-        self.warnings += curve_warnings(
+        self._doubts += curve_warnings(
             self.source, sample.values, self.lights, sample.mask, sample.of(self.points)
         )
         del sample
@@ -240,10 +276,16 @@ class Examination:
                 self._take(kept)
                 self._find_height()
                 quality = self._quality()
-        if self.near is not None:
-            self.warnings += self.near.warnings
-        self.warnings += quality.warnings
+        for notice in () if self.near is None else self.near.warnings:
+            (self._doubts if notice.code in _CAUSES else self.warnings).append(notice)
         return quality
+
+    def verdict(self, quality: ImageQuality, sigma_deg: float) -> Verdict:
+        """Return what is probably wrong; ``sigma_deg`` is stated of the normals, the median."""
+        examined = Examined(
+            self.images, self.lights, self.mask, self.points, self.view, self.source
+        )
+        return judge(examined, quality, self._doubts, sigma_deg)
 
     def sample(self) -> RowSample:
         """Return some rows of the images."""

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from acquisition import MapRows, Source
+from acquisition import DataError, MapRows, Source
 from acquisition.files import BandStore, MemoryMaps, check_unfinished, rows_in_bands
 from acquisition.source import setup_notices
 from calibration import Stack, linear_stack, open_stack
@@ -39,12 +39,14 @@ from processing.recording.error_bars import (
     validity_notices,
 )
 from processing.recording.examination import (
+    DistanceChoice,
     Examination,
     check_facing,
     examination_of,
     geometry_of,
 )
 from processing.recording.reconstruction import Reconstruction, finished_maps
+from processing.series.light_distance import LightDistance
 from processing.stages.stage import Need
 from processing.stereo.method import Method, StereoChannel
 from processing.stereo.normals_and_albedo import check_solved
@@ -115,6 +117,11 @@ class NormalsStage:
         colours are as sharp as others; the albedo in colour is interpolated afterwards.
     distant
         Treat lights with positions as distant lights.
+    light_distance_mm
+        Distance of lights that have only directions, such as those of a dome, from the middle of
+        the object: the point of the working plane in the middle of the complete images, for which
+        directions and intensities are stated. The lights are then near lights. ``estimate``: find
+        it in the images, see `find_light_distance`.
     height_mm
         Mean height of the object above the working plane, if it is known. Only for near lights.
     rests_on_plane
@@ -145,6 +152,7 @@ class NormalsStage:
     method: Method = "best"
     channel: StereoChannel = "gray"
     distant: bool = False
+    light_distance_mm: DistanceChoice = None
     height_mm: float | None = None
     rests_on_plane: bool = False
     pixel_mm: float | None = None
@@ -177,7 +185,11 @@ class NormalsStage:
             self.height_mm,
             rests_on_plane=self.rests_on_plane,
             distant=self.distant,
+            light_distance_mm=self.light_distance_mm,
         )
+        self._check(source)
+        if geometry.lights.near and self.light_distance_mm is not None:
+            source = replace(source, lights=geometry.lights)
         if files is not None and not files.replace:
             check_unfinished(files.path, files.identity)
         with ExitStack() as opened:
@@ -186,6 +198,10 @@ class NormalsStage:
             examined, of_mask = examination_of(source, stack, geometry, self.method, on_progress)
             del stack  # the examination may replace it
             examined.leave_out_unlit()
+            if self.light_distance_mm == "estimate" and geometry.view is not None:
+                examined.find_light_distance(geometry.view)
+            elif self.light_distance_mm is not None:
+                examined.light_distance = LightDistance(float(self.light_distance_mm))
             examined.find_surface(semi_calibrated=self.semi_calibrated)
             quality = examined.check(exclude_disagreeing=self.exclude_disagreeing)
             in_colour = examined.images.in_colour
@@ -209,6 +225,9 @@ class NormalsStage:
                 )
             shown = self._solve(examined, maps, files, colours, on_progress)
             valid, notices = _valid_pixels(maps, examined)
+            made = finished_maps(maps, valid, ErrorBarMaps(maps).common_variance(), shown.origin)
+            check_facing(source, _sum_of_z(made["normals"], valid))
+            verdict = examined.verdict(quality, _median(made["normal_sigma_deg"]))
             warnings = (
                 *source.warnings,
                 *setup_notices(source),
@@ -217,12 +236,12 @@ class NormalsStage:
                 *examined.warnings,
                 *notices,
                 *validity_notices(maps["reason"][:], mask, shown.origin, shown.correlation),
+                *verdict.notices,
             )
-            made = finished_maps(maps, valid, ErrorBarMaps(maps).common_variance(), shown.origin)
-            check_facing(source, _sum_of_z(made["normals"], valid))
             source, lights, near = examined.source, examined.lights, examined.near
             points, used = examined.points, examined.images.ids
             strengths, excluded = examined.strengths, examined.excluded
+            light_distance = examined.light_distance
             del examined  # by far the largest arrays; what follows does not need them
         if pattern is not None:
             albedo = albedo_of_sites(made["gray_albedo"][:], valid, pattern)
@@ -242,14 +261,24 @@ class NormalsStage:
             noise=shown.origin,
             neighbour_correlation=shown.correlation,
             quality=quality,
+            verdict=verdict,
             excluded=excluded,
             strengths=strengths,
+            light_distance=light_distance,
             error=_error(source, made["normals"], valid, mask),
             previews=previews,
             near_height=near,
             warnings=warnings,
             store=store,
         )
+
+    def _check(self, source: Source) -> None:
+        """Refuse choices that exclude each other, by `DataError`."""
+        if self.light_distance_mm == "estimate" and self.semi_calibrated:
+            raise DataError(
+                f"{source.path}: the strengths of the lights and their distance cannot both be "
+                "estimated: state one of them"
+            )
 
     def _solve(
         self,
@@ -297,6 +326,7 @@ def reconstruct(
     method: Method = "best",
     channel: StereoChannel = "gray",
     distant: bool = False,
+    light_distance_mm: DistanceChoice = None,
     height_mm: float | None = None,
     rests_on_plane: bool = False,
     pixel_mm: float | None = None,
@@ -329,6 +359,11 @@ def reconstruct(
         colours are as sharp as others; the albedo in colour is interpolated afterwards.
     distant
         Treat lights with positions as distant lights.
+    light_distance_mm
+        Distance of lights that have only directions, such as those of a dome, from the middle of
+        the object: the point of the working plane in the middle of the complete images, for which
+        directions and intensities are stated. The lights are then near lights. ``estimate``: find
+        it in the images, see `find_light_distance`.
     height_mm
         Mean height of the object above the working plane, if it is known. Only for near lights.
     rests_on_plane
@@ -379,6 +414,7 @@ def reconstruct(
         method=method,
         channel=channel,
         distant=distant,
+        light_distance_mm=light_distance_mm,
         height_mm=height_mm,
         rests_on_plane=rests_on_plane,
         pixel_mm=pixel_mm,
@@ -391,7 +427,7 @@ def reconstruct(
     depth = None if made.near_height is None else made.near_height.depth
     camera, size = made.source.camera, pixel_mm
     geometry = geometry_of(
-        source, pixel_mm, height_mm, rests_on_plane=rests_on_plane, distant=distant
+        made.source, pixel_mm, height_mm, rests_on_plane=rests_on_plane, distant=distant
     )
     if isinstance(geometry.view, Perspective):
         camera, size = geometry.view.camera, None  # the camera has the scale
@@ -441,6 +477,14 @@ def _valid_pixels(maps: MemoryMaps | BandStore, examined: Examination) -> tuple[
 
 def _sum_of_z(normals: MapRows, valid: Bool) -> float:
     return sum(float(normals[rows][..., 2].sum(dtype=np.float64)) for rows in _bands(valid, 12))
+
+
+def _median(values: MapRows) -> float:
+    """Return the median of the finite values, of which one copy is in memory; NaN without any."""
+    height, width = values.shape
+    parts = (values[rows] for rows in rows_in_bands(height, 4 * width, _READ))
+    finite = np.concatenate([part[np.isfinite(part)] for part in parts])
+    return float(np.median(finite, overwrite_input=True)) if finite.size else math.nan
 
 
 def _error(source: Source, normals: MapRows, valid: Bool, mask: Bool) -> AngularError | None:

@@ -12,12 +12,14 @@ from acquisition import Lights, MapRows, Source
 from acquisition.files import BandStore, ComputedRows, MemoryMaps, rows_in_bands
 from processing.checks.quality import ImageQuality
 from processing.checks.strengths import LightStrengths
+from processing.checks.verdict import Verdict
 from processing.maps.metrics import AngularError
 from processing.maps.normal_map import NormalMap
 from processing.near.near_height import NearHeight
 from processing.noise.normal_errors import NormalUncertainty, in_degrees, valid_reasons
 from processing.noise.pixel_variances import Origin
 from processing.noise.sample_kind import SampleKind
+from processing.series.light_distance import LightDistance
 from processing.surface.height_map import HeightMap
 from rig import Notice
 from rig.arrays import AnyArray, Bool, Float32, UInt16
@@ -49,10 +51,15 @@ class Reconstruction:
         As in `NormalUncertainty`.
     quality
         Agreement of images, lights and normals.
+    verdict
+        What is probably wrong with the recording, and whether the result can be used.
     excluded
         Names of the images that were left out because they disagree with the others.
     strengths
         Strengths of the lights, if they were estimated.
+    light_distance
+        Distance of the lights from the middle of the object, if they had only directions and it was
+        stated or estimated; `source` and `lights` have their positions.
     error
         Error of the normals over `mask`; None if the source has no ground truth.
     previews
@@ -75,8 +82,10 @@ class Reconstruction:
     noise: Origin
     neighbour_correlation: float
     quality: ImageQuality
+    verdict: Verdict
     excluded: tuple[str, ...]
     strengths: LightStrengths | None
+    light_distance: LightDistance | None
     error: AngularError | None
     previews: tuple[MapRows, ...]
     near_height: NearHeight | None

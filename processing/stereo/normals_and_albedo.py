@@ -18,8 +18,11 @@ from processing.stereo.light_model import LightModel, check_one_light_each
 from processing.stereo.method import Method, check_method
 from processing.stereo.solve import solve_maps
 from processing.stereo.stereo_maps import StereoMaps
-from rig import Notice, Progress, check_type, no_progress, short_repr
+from rig import Notice, Progress, Severity, check_type, no_progress, short_repr
 from rig.arrays import Bool, Float32, UInt16
+
+# Share of the pixels of a mask that may have no normal, such as those in deep shadow.
+_FEW = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +188,13 @@ def check_solved(
         f"{lost} of {total} pixels of the mask {'has' if lost == 1 else 'have'} no normal: black, "
         "or too few usable samples"
     )
-    return (Notice("pixels-without-normal", text),) if lost else ()
+    notice = Notice("pixels-without-normal", text, severity=severity_of_loss(lost, total))
+    return (notice,) if lost else ()
+
+
+def severity_of_loss(lost: int, total: int) -> Severity:
+    """Return how serious it is that some of all pixels have no normal."""
+    return "warning" if lost > _FEW * total else "info"
 
 
 def _check_inputs(stack: Float32, lights: Lights, mask: Bool) -> None:

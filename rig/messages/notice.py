@@ -49,6 +49,19 @@ class Notice:
                 f"severity {self.severity!r} of a notice is not one of {get_args(Severity)}"
             )
 
+    @property
+    def label(self) -> str:
+        """The severity for people: ``note``, ``warning`` or ``error``.
+
+        Examples
+        --------
+        >>> from rig import Notice
+        >>> notice = Notice("frames-missing", "3 frames are missing", "owl", "info")
+        >>> f"{notice.label}: {notice}"
+        'note: owl: 3 frames are missing'
+        """
+        return "note" if self.severity == "info" else self.severity
+
     def __str__(self) -> str:
         return f"{self.where}: {self.text}" if self.where else self.text
 

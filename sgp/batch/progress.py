@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 from sgp.batch.task import Outcome, Task
 from sgp.cli.console import note, terminal
 from sgp.cli.terminal import STDERR, printable
+from sgp.results import LABELS
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -60,6 +61,8 @@ class BatchProgress:
         self._failed += outcome.error is not None
         self._seconds.append(outcome.seconds)
         said = "done" if outcome.error is None else f"FAILED: {outcome.error}"
+        if outcome.error is None and outcome.verdict in LABELS:
+            said += f", {LABELS[outcome.verdict]}"
         note(f"{task.name}: {said} ({outcome.seconds:.1f} s); {self.line()}")
 
     def line(self) -> str:

@@ -37,7 +37,7 @@ class State(BaseModel):
         Version of the program.
     error, exit_code, attempts, seconds, cpu_seconds, roots, files, outputs, notices, figures
         As in `Outcome`.
-    sizes
+    sizes, verdict
         As in `Outcome`; earlier programs did not write them.
     """
 
@@ -59,6 +59,7 @@ class State(BaseModel):
     notices: dict[str, int]
     figures: dict[str, int | float | None]
     sizes: dict[str, int] = Field(default_factory=dict)
+    verdict: str = ""
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from urllib.parse import quote
 import rig
 from sgp.batch.state import State
 from sgp.cli.terminal import printable
+from sgp.results import LABELS
 
 _FIGURES = {
     "images": "images",
@@ -22,7 +23,17 @@ _FIGURES = {
     "residual_relative": "residual",
     "mae_deg": "error (deg)",
 }
-_COLUMNS = ("name", "source", "status", "seconds", "cpu_seconds", "attempts", "errors", "warnings")
+_COLUMNS = (
+    "name",
+    "source",
+    "status",
+    "verdict",
+    "seconds",
+    "cpu_seconds",
+    "attempts",
+    "errors",
+    "warnings",
+)
 # What begins a formula in a spreadsheet, also in its wide form, where a cell may begin: some also
 # separate cells at semicolons and tabs.
 _FORMULA = re.compile(r"(^|[;\t\n])(?=[=+\-@\t\n\uff1d\uff0b\uff0d\uff20])")
@@ -42,6 +53,9 @@ th, td {{ padding: .35rem .7rem; text-align: left; border-bottom: 1px solid #888
  vertical-align: middle; }}
 td.number {{ text-align: right; font-variant-numeric: tabular-nums; }}
 tr.failed td {{ background: #d0302018; }}
+td.good {{ background: #2da44e20; }}
+td.check {{ background: #e0a00040; }}
+td.do-not-use {{ background: #d0302040; font-weight: 600; white-space: nowrap; }}
 img {{ width: 96px; height: 72px; object-fit: contain; display: block; }}
 td.text {{ max-width: 36rem; overflow-wrap: anywhere; }}
 </style></head><body>
@@ -67,6 +81,7 @@ def csv_table(states: Mapping[str, State]) -> str:
                 _csv_text(name),
                 _csv_text(state.source),
                 "done" if state.error is None else "failed",
+                _csv_text(state.verdict),
                 state.seconds,
                 state.cpu_seconds,
                 state.attempts,
@@ -85,13 +100,19 @@ def _csv_text(text: str) -> str:
 
 
 def html_table(folder: Path, states: Mapping[str, State], others: int = 0) -> str:
-    """Return the table as a page, failed sources first; it links to the results in ``folder``.
+    """Return the table as a page, the worst sources first; it links to the results in ``folder``.
 
     ``others`` is the number of results in the folder that are not in the table.
     """
     failed = [name for name, state in states.items() if state.error is not None]
-    order = sorted(states, key=lambda name: (name not in failed, name))
-    head = ["", "name", *_FIGURES.values(), "seconds", "errors", "warnings"]
+    worst = [*LABELS][::-1]
+
+    def rank(name: str) -> tuple[bool, int, str]:
+        verdict = states[name].verdict
+        return name not in failed, worst.index(verdict) if verdict in worst else len(worst), name
+
+    order = sorted(states, key=rank)
+    head = ["", "name", "verdict", *_FIGURES.values(), "seconds", "errors", "warnings"]
     counts = f"{len(states) - len(failed)} of {len(states)} sources done, {len(failed)} failed"
     if others:
         counts += f"; {other_results(others)}"
@@ -131,7 +152,9 @@ def _row(folder: Path, name: str, state: State) -> str:
     if state.error is not None:  # in the place of the figures, which it does not have
         kind, wide = ' class="failed"', len(_FIGURES)
         cells[:wide] = [f'<td class="text" colspan="{wide}">{_text(state.error)}</td>']
-    return f"<tr{kind}><td>{image}</td><td>{label}</td>{''.join(cells)}</tr>"
+    word = LABELS.get(state.verdict, "")
+    verdict = f'<td class="{state.verdict}">{word}</td>' if word else "<td></td>"
+    return f"<tr{kind}><td>{image}</td><td>{label}</td>{verdict}{''.join(cells)}</tr>"
 
 
 def _number(value: float | None) -> str:

@@ -139,6 +139,8 @@ class Outcome:
         Number of notices by severity.
     figures
         Some figures of the result by name, for the table.
+    verdict
+        Whether the result can be used, see `processing.checks.Verdict`; empty if that is not known.
     """
 
     error: str | None = None
@@ -152,6 +154,7 @@ class Outcome:
     sizes: Mapping[str, int] = field(default_factory=dict)
     notices: Mapping[str, int] = field(default_factory=dict)
     figures: Mapping[str, Any] = field(default_factory=dict)
+    verdict: str = ""
 
 
 class Workers(Protocol):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import chdir, contextmanager, redirect_stderr, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -98,7 +98,9 @@ def _stages(task: Task, roots: dict[str, None], before: dict[str, Stamp]) -> Out
         with own_files_named():
             results.append(stage.command(*bound.args, **bound.kwargs))
             if not results[-1].ok:
-                return Outcome("; ".join(results[-1].summary), results[-1].failing_code)
+                why = results[-1].conclusion or results[-1].summary
+                verdict = _verdict(results)
+                return Outcome("; ".join(why), results[-1].failing_code, verdict=verdict)
             used = input_hashes(results[-1].inputs)
         hashes |= {str(Path(name).absolute()): digest for name, digest in used.items()}
     outputs = {name: path for result in results for name, path in result.outputs.items()}
@@ -113,7 +115,13 @@ def _stages(task: Task, roots: dict[str, None], before: dict[str, Stamp]) -> Out
         },
         notices=dict(notices),
         figures={name: value for one in results for name, value in _figures(one.metrics).items()},
+        verdict=_verdict(results),
     )
+
+
+def _verdict(results: Sequence[Result]) -> str:
+    """Return the verdict of the one result that has one."""
+    return next((one.verdict.answer for one in results if one.verdict is not None), "")
 
 
 def _inputs(arguments: Mapping[str, Any]) -> list[Path]:

@@ -8,8 +8,9 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, ClassVar, ParamSpec, Self, TypeVar
 
+from rig import Notice
 from rig.kernels import KernelWatch
-from sgp.cli.terminal import STDERR, fitted, printable
+from sgp.cli.terminal import STDERR, coloured, fitted, printable
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -21,15 +22,32 @@ Advance = Callable[[int, int], None]
 
 # Interval between lines of progress if stderr is not a terminal.
 _LINE_EVERY_S = 10.0
+# Notices that this command line has reported.
+_REPORTED: set[str] = set()
 
 
 def note(text: str) -> None:
     """Print one line to stderr."""
     if STDERR.isatty():  # a bar may be on display, above which the console inserts the line
-        line = fitted(printable(text), STDERR)
-        terminal().print(line, markup=False, soft_wrap=True)
+        from rich.text import Text
+
+        line = coloured(fitted(printable(text), STDERR), STDERR)
+        terminal().print(Text.from_ansi(line), soft_wrap=True)
     else:
         print(printable(text), file=STDERR)
+
+
+def report(notice: Notice) -> None:
+    """Print a notice with its severity, once for each command line."""
+    line = f"{notice.label}: {notice}"
+    if line not in _REPORTED:
+        _REPORTED.add(line)
+        note(line)
+
+
+def forget_reports() -> None:
+    """Begin a command line, which reports its notices again."""
+    _REPORTED.clear()
 
 
 @functools.cache

@@ -19,6 +19,8 @@ class ClusterError(Exception):
 
 
 FAULT = 1
+# Of a result that was written but should not be used.
+UNUSABLE = 6
 
 _CODES: tuple[tuple[type[Exception], int], ...] = (
     (UsageError, 2),

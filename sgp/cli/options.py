@@ -72,6 +72,17 @@ def _gamma(text: str) -> str:
     return text
 
 
+@_converter
+def _light_distance(text: str) -> float | str:
+    """Read a distance in mm, or the word ``estimate``."""
+    if text.lower() == "estimate":
+        return "estimate"
+    value = _finite(text)
+    if not 0 < value <= _MOST_DISTANCE:
+        raise ValueError(f"{_short(text)} is not above 0 and at most {_MOST_DISTANCE:g}")
+    return value
+
+
 def _names(kind: object, tokens: Sequence[Token]) -> tuple[str, ...]:
     """Read names separated by commas; the option may be given several times."""
     names = tuple(part.strip() for token in tokens for part in token.value.split(","))
@@ -111,6 +122,7 @@ def _short(text: str) -> str:
 _LONGEST = 40
 _PIXELS = r"\s*[-+]?[0-9]{1,7}\s*"
 _CURVES = ("auto", "srgb", "linear")
+_MOST_DISTANCE = 1e6
 _LEAST_GAMMA, _MOST_GAMMA = 0.1, 10.0
 
 
@@ -154,6 +166,9 @@ Positive = Annotated[float, Parameter(converter=_real, validator=Number(gt=0, lt
 FitScale = Annotated[float, Parameter(converter=_real, validator=Number(gte=0.3, lte=100))]
 # One day; the camera checks its own range.
 Microseconds = Annotated[float, Parameter(converter=_real, validator=Number(gt=0, lte=8.64e10))]
+LightDistance = Annotated[
+    float | Literal["estimate"], Parameter(converter=_light_distance, n_tokens=1)
+]
 Gamma = Annotated[str, Parameter(converter=_gamma)]
 Names = Annotated[tuple[str, ...], Parameter(converter=_names, n_tokens=1, metavar="LIST")]
 Region = Annotated[
@@ -262,6 +277,10 @@ class SourceOptions(RecordingOptions):
         one that explains the images best.
     rests_on_plane
         The lowest points of the object are in the working plane, for lights with positions.
+    light_distance_mm
+        Distance in mm of the lights of a list of directions, such as the .lp of a dome, from the
+        middle of the object: they are near lights then, which needs a scale. estimate finds it in
+        the images. lights.json with the positions is written with the result.
     semi_calibrated
         Estimate the strengths of the lights with the normals; lights.json with the new intensities
         and their standard deviations is written with the result.
@@ -271,6 +290,7 @@ class SourceOptions(RecordingOptions):
     channel: processing.stereo.StereoChannel = "gray"
     height_mm: Millimetres | None = None
     rests_on_plane: bool = False
+    light_distance_mm: LightDistance | None = None
     semi_calibrated: bool = False
 
     def stage(self, pixel_mm: float | None = None) -> processing.recording.NormalsStage:

@@ -21,6 +21,32 @@ def printable(text: str) -> str:
     return _OBEYED.sub(lambda match: match[0].encode("unicode_escape").decode("ascii"), text)
 
 
+# SGR codes of the words that begin a line and say how serious it is.
+_COLOURS: Final = {
+    "note": "36",
+    "warning": "33",
+    "error": "1;31",
+    "good": "32",
+    "check": "33",
+    "do not use": "1;31",
+}
+
+
+def coloured(line: str, stream: Any) -> str:
+    """Colour the word before the first colon if it says how serious a line is.
+
+    Lines for files, pipes and dumb terminals stay plain, and all with the environment variable
+    ``NO_COLOR``.
+    """
+    word = line.partition(":")[0]
+    code = _COLOURS.get(word)
+    if code is None or os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb":
+        return line
+    if _columns(stream) is None:
+        return line
+    return f"\x1b[{code}m{word}\x1b[0m{line[len(word) :]}"
+
+
 def printable_lines(text: str) -> str:
     """Apply `printable` to each line of a text."""
     return "\n".join(map(printable, text.split("\n")))

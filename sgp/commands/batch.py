@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Mapping
 from contextlib import AbstractContextManager, chdir, nullcontext
 from pathlib import Path
@@ -46,7 +47,7 @@ from sgp.cli.options import Inputs, Memory, OptionalInput, Whole, inputs_of
 from sgp.commands.calibrate import spheres
 from sgp.commands.report import report
 from sgp.commands.run import run
-from sgp.results import BatchMetrics, Result, check_output, input_hashes, write_record
+from sgp.results import LABELS, BatchMetrics, Result, check_output, input_hashes, write_record
 from sgp.stages import size_text
 
 _LEAST_MEMORY = 2**29
@@ -286,6 +287,8 @@ def _written(
     counts = f"{done} of {rigs.pluralize(len(states), 'source')} done, {computed} computed now"
     if failed:
         counts += f", {len(failed)} failed: run the command again to try them again"
+    found = Counter(state.verdict for state in states.values())
+    answers = ", ".join(f"{found[name]} {word}" for name, word in LABELS.items() if found[name])
     return Result(
         outputs=outputs,
         metrics=BatchMetrics(
@@ -297,6 +300,7 @@ def _written(
         summary=[
             *summary,
             counts,
+            *([f"verdicts: {answers}"] if answers else ()),
             *([other_results(others)] if others else ()),
             f"look at  {outputs['page']}",
         ],

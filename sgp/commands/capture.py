@@ -16,22 +16,25 @@ from cyclopts import Parameter
 
 import acquisition
 import rig as rigs
-from sgp.cli.console import note, with_progress
+from sgp.cli.console import note, report, with_progress
 from sgp.cli.options import Input, OptionalInput, OptionalLights, RigOption
 from sgp.commands.capture_plan import chosen_plan
 from sgp.results import Result, check_folder
 from sgp.rigs import chosen_operator, chosen_rig, given_lights
 from sgp.sessions import (
+    Acceptance,
+    Accepted,
     CaptureTalk,
     MeterOptions,
     Preparation,
     ResumeCommand,
-    accept,
     can_be_retaken,
     checked_wiring,
     describe,
+    judge_frames,
     left_out_notices,
     metered,
+    take_findings,
 )
 from sgp.sessions import dry_run as rehearsed
 
@@ -53,13 +56,14 @@ def run(
     lights: OptionalLights = None,
     sensor: OptionalInput = None,
     skip_check: bool = False,
+    accept: Accepted = (),
     dry_run: bool = False,
 ) -> Result:
     """Record a session on a rig.
 
     Frames are hashed, stored and written to the journal while the next ones are taken. Ctrl-C once:
     finish this shot; twice: stop immediately. Both turn the LEDs off, and `capture resume` takes
-    the missing shots.
+    the missing shots. The last line is a verdict about the frames: good, check, or do not use.
 
     For example:
 
@@ -96,12 +100,15 @@ def run(
         white level; default: that of the rig file, if it names one.
     skip_check
         Skip the checks of disk, rig and picture before the recording.
+    accept
+        Code of a finding that makes a recording useless, to record anyway; can be repeated. On a
+        terminal the command asks instead.
     dry_run
         Take every shot with all LEDs off and record nothing.
     """
     rig_name, operator_name = chosen_rig(rig), chosen_operator(operator)
     check_folder(out)
-    goal = metering.goal()
+    goal, accepting = metering.goal(), Acceptance(accept)
     given = None if lights is None else given_lights(lights, option=rig)
     measured = _measured_sensor(sensor, rig_name)
     with rigs.open_rig(rig_name) as opened:
@@ -131,10 +138,10 @@ def run(
             flight = with_progress(acquisition.preflights.preflight)(
                 opened, chosen, out, self_test=tested
             )
-            accept(flight, prepared)
+            take_findings(flight, prepared, accepting)
         prepared.warnings += acquisition.engine.camera_notices(opened, out)
         for warning in prepared.warnings:
-            note(f"note: {warning}")
+            report(warning)
         with CaptureTalk(ResumeCommand(out, rig_name, skip_check)) as talk:
             session = acquisition.record(
                 opened,
@@ -149,7 +156,7 @@ def run(
                 ),
                 hooks=talk.hooks,
             )
-    return describe(session, prepared.warnings)
+    return judge_frames(describe(session, prepared.warnings), session)
 
 
 def resume(
@@ -159,6 +166,7 @@ def resume(
     plan: OptionalInput = None,
     retake_damaged: Annotated[bool, Parameter(negative=())] = False,
     skip_check: bool = False,
+    accept: Accepted = (),
     dry_run: bool = False,
 ) -> Result:
     """Take the missing shots of a session.
@@ -166,7 +174,8 @@ def resume(
     Board, camera and plan must be the same as at the start of the session. List LEDs that died
     since in dead_leds of the rig file: the session can then become complete without their shots.
     The frames recorded before are verified at the same time: a session with a damaged frame does
-    not become complete.
+    not become complete. First, the last light is taken again: if another object is under the
+    camera, or it moved, nothing is changed.
 
     For example:
 
@@ -187,6 +196,9 @@ def resume(
         not have moved. The damaged files are kept in derived/set_aside.
     skip_check
         Skip the checks of disk and rig before the recording.
+    accept
+        Code of a finding that makes further frames useless, to continue anyway; can be repeated.
+        On a terminal the command asks instead.
     dry_run
         Check that the session can be resumed, take the missing shots with all LEDs off and record
         nothing.
@@ -201,7 +213,7 @@ def resume(
         _check_plan(begun, asked)
         nothing = "no shot is missing" if damaged is None else "no frame is damaged"
         done = rigs.Notice("already-complete", f"already complete: {nothing}", severity="info")
-        return describe(begun, [*begun.warnings, done])
+        return judge_frames(describe(begun, [*begun.warnings, done]), begun)
     with rigs.open_rig(rig_name) as opened:
         _, recorded, missing = acquisition.engine.check_resume(
             opened, session, asked, damaged=damaged
@@ -209,19 +221,20 @@ def resume(
         if dry_run:
             return rehearsed(opened, recorded, missing)
         if begun.lost_lines:
-            note(f"note: {begun.lost_lines}")
-        prepared = Preparation()
+            report(begun.lost_lines)
+        prepared, accepting = Preparation(), Acceptance(accept)
         if not skip_check:
             alive, _ = recorded.without(opened.config.dead_leds)
             flight = with_progress(acquisition.preflights.preflight_resume)(
                 opened, alive, session, len(missing)
             )
-            accept(flight, prepared)
+            take_findings(flight, prepared, accepting)
         prepared.warnings += acquisition.engine.camera_notices(opened, session)
         # An operator who resumes with only flats missing has placed the card; this does not hold
         # for damaged flats.
         only_flats = bool(missing) and all(shot.role == "flat" for shot in missing) and not damaged
-        with CaptureTalk(again, card_is_there=only_flats) as talk:
+        talking = CaptureTalk(again, card_is_there=only_flats, accepting=accepting)
+        with talking as talk:
             finished = acquisition.resume(
                 opened,
                 session,
@@ -232,9 +245,8 @@ def resume(
             )
     text = f"missing shots that have been taken: {len(missing)}"
     taken = rigs.Notice("shots-taken", text, severity="info")
-    return describe(
-        finished, [*begun.warnings, taken, *left_out_notices(finished), *prepared.warnings]
-    )
+    noticed = [*begun.warnings, taken, *left_out_notices(finished), *prepared.warnings]
+    return judge_frames(describe(finished, noticed), finished)
 
 
 def _measured_sensor(option: Path | None, rig_name: str) -> acquisition.MeasuredSensor | None:
@@ -263,10 +275,8 @@ def _opened(again: ResumeCommand, *, retake_damaged: bool) -> acquisition.Sessio
 
 def _check_plan(session: acquisition.Session, asked: acquisition.CapturePlan | None) -> None:
     """Refuse another plan than that of a complete session, for which no rig is opened."""
-    rig = session.manifest.rig
-    if asked is not None and rig is not None:
-        asked, _ = asked.without(rig.dead_leds)
-    if asked not in (None, session.manifest.plan):
+    manifest = session.manifest
+    if asked is not None and manifest.planned(asked) != manifest.plan:
         raise acquisition.DataError(
             f"{session.folder}: is complete, and was recorded with another plan: use the original "
             "plan, or record into a new folder"

@@ -248,7 +248,8 @@ def import_(
             raise UsageError(text)
         if interval_s is not None and not gaps:
             raise UsageError("--no-gaps ignores the time between images: leave out --interval-s")
-        chosen = None if plan is None else acquisition.read_plan(plan)
+        # The camera and its lights are operated by hand, one image for each light.
+        chosen = None if plan is None else acquisition.read_plan(plan).changed(repeat=False)
         in_order = acquisition.imports.lights_in_order(listed or 0)
         asked = acquisition.imports.Watch(
             source,

@@ -17,6 +17,7 @@ from sgp.cli.exit import UsageError
 from sgp.cli.options import Count, Leds, OptionalInput, Real, RigOption, image_size, led_list
 from sgp.results import Result
 from sgp.rigs import chosen_rig, default_rig
+from sgp.sessions import Accepted
 
 _DEFAULT_EXPOSURE_US = 20_000.0
 _ROOM = 1.25
@@ -132,12 +133,17 @@ def plan(
 
 
 def check(
-    out: Path, *, rig: RigOption = None, plan: OptionalInput = None, quick: bool = False
+    out: Path,
+    *,
+    rig: RigOption = None,
+    plan: OptionalInput = None,
+    quick: bool = False,
+    accept: Accepted = (),
 ) -> Result:
     """Check disk, board, camera, picture and every LED before a recording.
 
     Place the object under the camera as for the recording. Nothing is recorded. The exit code is 3
-    if a check failed; warnings do not count.
+    if a check failed, or found what makes a recording useless; other warnings do not count.
 
     For example:
 
@@ -154,6 +160,8 @@ def check(
         Plan file; default: each working LED once at 20 ms, and a dark frame.
     quick
         Skip the test of every LED.
+    accept
+        Code of a finding that makes a recording useless, to count as ready; can be repeated.
     """
     name = chosen_rig(rig)
     with rigs.open_rig(name) as opened, Stages() as progress:
@@ -172,12 +180,20 @@ def check(
         for check in flight.checks
         for number, line in enumerate(check.lines)
     ]
-    summary.append(f"NOT READY: {', '.join(failed)}" if failed else "ready to record")
+    doubts = [check.doubt for check in flight.doubtful if check.doubt not in accept]
+    if failed:
+        summary.append(f"NOT READY: {', '.join(failed)}")
+    elif doubts:
+        options = " ".join(f"--accept {code}" for code in doubts)
+        summary.append(f"NOT READY: {', '.join(doubts)}; {options} records anyway")
+    else:
+        summary.append("ready to record")
+    ready = not failed and not doubts
     return Result(
-        metrics={"ready": flight.ok, **flight.details()},
+        metrics={"ready": ready, "doubts": doubts, **flight.details()},
         warnings=notices,
         summary=summary,
-        ok=flight.ok,
+        ok=ready,
         failing_code=3,
     )
 
@@ -224,7 +240,7 @@ def chosen_plan(
     return chosen, left_out
 
 
-_ROLES = ("light", "dark", "ambient", "flat")
+_ROLES = ("light", "dark", "ambient", "repeat", "flat")
 
 
 def _left_out(leds: tuple[int, ...]) -> list[rigs.Notice]:

@@ -28,6 +28,7 @@ def normals(
     maps: MapOptions = MAPS,
     pixel_mm: Positive | None = None,
     memory: Memory | None = None,
+    strict: bool = False,
     force: bool = False,
 ) -> Result:
     """Estimate a normal map from images under known lights.
@@ -57,6 +58,8 @@ def normals(
         Memory to use, such as 3G or 500M; default: half of what is free. Maps that do not fit are
         computed in bands of rows, in files in the output folder; the same command continues them
         if it was interrupted.
+    strict
+        End with exit code 6 if the verdict is "do not use"; the result is written.
     force
         Write into an output folder that already contains files.
     """
@@ -71,4 +74,6 @@ def normals(
     result.inputs = opened.files
     result.parameters |= {"transfer": opened.source.transfer.record()}
     add_sphere_lights(result, out, opened.lit_by, "sgp normals")
+    if strict:
+        result.refuse_unusable()
     return result

@@ -33,6 +33,7 @@ def run(
     separation: SeparationOptions = _SEPARATION,
     surfaces: SurfaceOptions = _SURFACES,
     memory: Memory | None = None,
+    strict: bool = False,
     force: bool = False,
 ) -> Result:
     """Compute normals, shape and detail components, and a surface from a recording.
@@ -60,6 +61,8 @@ def run(
         Memory to use, such as 3G or 500M; default: half of what is free. What does not fit is
         computed in bands of rows, in files in the output folder; the same command continues if it
         was interrupted.
+    strict
+        End with exit code 6 if the verdict is "do not use"; the result is written.
     force
         Write into an output folder that already contains files.
     """
@@ -84,5 +87,7 @@ def run(
     metrics: RunMetrics = {**outcome.metrics, **truth, "seconds": watch.seconds}
     result.metrics = metrics
     result.outputs["summary"] = out / "summary.json"
+    if strict:
+        result.refuse_unusable()
     result.summary.append(f"look at  {result.outputs['overview']}")
     return result

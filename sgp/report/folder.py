@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final, Literal
 
 import acquisition
+import processing
 import rig
 from sgp.results import ResultRecord, is_record, read_record, sha256
 
@@ -54,6 +55,15 @@ class ResultFolder:
         """The record of the complete folder: the one with the fewest folders in its path."""
         names = sorted(self.records, key=lambda name: (name.count("/"), name))
         return self.records[names[0]] if names else None
+
+    @property
+    def verdict(self) -> tuple[processing.checks.Answer, processing.checks.Verdict] | None:
+        """The verdict of the first record that has one: as it was written, and with its causes."""
+        for record in self.records.values():
+            judged = record.judged
+            if record.verdict is not None and judged is not None:
+                return record.verdict, judged
+        return None
 
     @property
     def source(self) -> Path | None:

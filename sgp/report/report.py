@@ -27,6 +27,7 @@ from sgp.report.recording import Recording, read_bare_recording, read_recording
 from sgp.report.scripts import VIEWS
 from sgp.report.sections import Part, identity_list, image_id, marked, sections
 from sgp.report.source_maps import Companion, companions
+from sgp.report.verdict import verdict_box
 from sgp.results import Result
 
 _PIXELS: Final = 1_300_000
@@ -187,7 +188,14 @@ def _page(parts: Sequence[Part], *, maps: bool = True) -> str:
     ]
     several = len(folders) > 1
     recorded = (identity_list(one, names if several else ()) for one, names in identities.items())
-    header = tag("header", tag("h1", name), tag("p", _lead(parts), class_="lead"), recorded)
+    verdicts = (
+        verdict_box(part.folder, f" ({part.name})" if several else "")
+        for part in folders
+        if part.folder is not None
+    )
+    boxes = [box for box in verdicts if box is not None]
+    lead = tag("p", _lead(parts), class_="lead")
+    header = tag("header", tag("h1", name), lead, boxes, recorded)
     about = (sections(part, f" of {part.name}" if several else "") for part in folders)
     views = tag("div", id="views"), tag("section", *pictures, id="prerendered")
     described = [_described(part, found) for part, found in shown]

@@ -16,7 +16,7 @@ from sgp.report.recording import Image, Recording
 from sgp.results import ResultRecord
 
 _NOT_GIVEN: Final[tuple[object, ...]] = (None, False, [], "")
-_SEVERITIES: Final = {"error": "Error", "warning": "Warning", "info": "Note"}
+_SEVERITIES: Final = ("error", "warning", "info")
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,12 +97,12 @@ def _milliseconds(exposure_us: float) -> str:
 
 def notices_list(notices: Iterable[rig.Notice]) -> Html:
     """Return notices, the most severe ones first, each of them once."""
-    ordered = sorted(dict.fromkeys(notices), key=lambda one: [*_SEVERITIES].index(one.severity))
+    ordered = sorted(dict.fromkeys(notices), key=lambda one: _SEVERITIES.index(one.severity))
     if not ordered:
         return tag("p", "No notices.")
     items = []
     for one in ordered:
-        severity = tag("span", f"{_SEVERITIES[one.severity]}: ", class_="severity")
+        severity = tag("span", f"{one.label.capitalize()}: ", class_="severity")
         items.append(tag("li", severity, str(one), " ", tag("code", one.code), class_=one.severity))
     return tag("ul", items, class_="notices")
 

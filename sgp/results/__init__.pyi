@@ -74,4 +74,9 @@ from .stage_metrics import MeshMetrics as MeshMetrics
 from .stage_metrics import NormalsMetrics as NormalsMetrics
 from .stage_metrics import SeparationMetrics as SeparationMetrics
 from .stage_metrics import SurfaceMetrics as SurfaceMetrics
+from .verdict import LABELS as LABELS
+from .verdict import good_result as good_result
+from .verdict import recorded_verdict as recorded_verdict
+from .verdict import unexplained_text as unexplained_text
+from .verdict import verdict_record as verdict_record
 from .verification import verify_results as verify_results

@@ -21,6 +21,7 @@ from sgp.results.hashes import SEAL, input_hashes, output_files, seal, sha256
 from sgp.results.metrics import RECORD_FORMAT, RECORD_VERSION
 from sgp.results.recordings import CALIBRATIONS, recordings_of
 from sgp.results.result import Result, dumps, json_table, plain
+from sgp.results.verdict import verdict_record
 
 try:
     import fcntl
@@ -287,6 +288,7 @@ def write_record(
         "metrics": result.metrics,
         "warnings": [str(notice) for notice in result.warnings],
         "notices": [asdict(notice) for notice in result.warnings],
+        **({} if result.verdict is None else verdict_record(result.verdict)),
         "files": {
             str(file.relative_to(path.parent)): {
                 "bytes": file.stat().st_size,

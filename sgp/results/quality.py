@@ -63,7 +63,7 @@ _READ = 32_000_000
 
 def add_uncertainty(metrics: NormalsMetrics, stage: processing.Reconstruction) -> None:
     """Add the medians of the standard deviations, and the shares of the kinds of samples."""
-    metrics["normal_sigma_deg"] = _median(stage.maps["normal_sigma_deg"])
+    metrics["normal_sigma_deg"] = stage.verdict.sigma_deg
     metrics["normal_sigma_common_deg"] = _median(stage.maps["normal_sigma_common_deg"])
     metrics["noise_from"] = stage.noise
     metrics["neighbour_correlation"] = stage.neighbour_correlation

@@ -10,8 +10,10 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError, create_model
 
 import acquisition
+import processing
 import rig
 from sgp.results.metrics import COMMANDS, RECORD_FORMAT, RECORD_VERSION
+from sgp.results.verdict import recorded_verdict
 
 _Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
@@ -36,6 +38,34 @@ class OutputFile(_Table):
 
     bytes: int
     sha256: _Sha256
+
+
+class CauseTable(_OpenTable):
+    """A `processing.checks.Cause`, with None where a figure is not known."""
+
+    name: str
+    text: str
+    size: float | None
+    unit: str
+    sigma: float | None
+    normals_deg: float | None
+    height_mm: float | None
+    remedy: str
+    inverts: bool
+    alternatives: tuple[str, ...]
+    where: str
+
+
+class TestedTable(_OpenTable):
+    """The figures of a `processing.checks.Verdict`, with None where one is not known."""
+
+    sigma_deg: float | None
+    residual: float | None
+    noise: float | None
+    unexplained_deg: float | None
+    tried: tuple[str, ...]
+    not_excluded: tuple[str, ...]
+    least: dict[str, str]
 
 
 class ResultRecord(_Table):
@@ -70,6 +100,9 @@ class ResultRecord(_Table):
     files
         Size and SHA-256 of each output by its file name, except pages, which may be made again;
         earlier programs did not write them. That of a complete run has the records of its stages.
+    verdict, causes, tested
+        Whether the result can be used, what is probably wrong with the recording, and what was
+        tested; None and empty for commands without a verdict.
     record_sha256
         SHA-256 of the other keys, which `sgp verify` compares.
     """
@@ -86,8 +119,18 @@ class ResultRecord(_Table):
     metrics: dict[str, JsonValue]
     warnings: tuple[str, ...]
     notices: tuple[rig.Notice, ...]
+    verdict: processing.checks.Answer | None = None
+    causes: tuple[CauseTable, ...] = ()
+    tested: TestedTable | None = None
     files: dict[str, OutputFile] = Field(default_factory=dict)
     record_sha256: _Sha256 | None = None
+
+    @property
+    def judged(self) -> processing.checks.Verdict | None:
+        """The verdict with its causes; None if the command has none."""
+        if self.verdict is None or self.tested is None:
+            return None
+        return recorded_verdict(self.model_dump(include={"causes", "tested"}))
 
     def __repr__(self) -> str:
         counts = (

@@ -9,8 +9,11 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+import processing
 import rig
+from sgp.cli.exit import UNUSABLE
 from sgp.cli.terminal import printable_json
+from sgp.results.verdict import verdict_line, verdict_record
 
 
 @dataclass
@@ -28,6 +31,10 @@ class Result:
         What must be reported besides the figures, in the order of printing.
     summary
         Lines for the terminal; not printed with ``--json``.
+    verdict
+        Whether the data or the result can be used; None if the command does not judge it.
+    good
+        What a good verdict says.
     inputs
         Files that were read; the record contains their hashes.
     parameters
@@ -35,17 +42,29 @@ class Result:
     ok
         False if the command ran but found faults in the data or the rig that it examined.
     failing_code
-        Exit code if ``ok`` is False: 4 for a recording, 3 for a rig.
+        Exit code if ``ok`` is False: 4 for a recording, 3 for a rig, 6 for a verdict.
     """
 
     outputs: dict[str, Path] = field(default_factory=dict)
     metrics: Mapping[str, object] = field(default_factory=dict)
     warnings: list[rig.Notice] = field(default_factory=list)
     summary: list[str] = field(default_factory=list)
+    verdict: processing.checks.Verdict | None = None
+    good: str = ""
     inputs: list[Path] = field(default_factory=list)
     parameters: dict[str, Any] = field(default_factory=dict)
     ok: bool = True
     failing_code: int = 4
+
+    @property
+    def conclusion(self) -> list[str]:
+        """The last line for the terminal, if there is a verdict."""
+        return [] if self.verdict is None else [verdict_line(self.verdict, self.good)]
+
+    def refuse_unusable(self) -> None:
+        """Fail if the verdict is that the result should not be used."""
+        if self.verdict is not None and self.verdict.answer == "do-not-use":
+            self.ok, self.failing_code = False, UNUSABLE
 
     def file(self, name: str, path: Path) -> Path:
         """Add an output; return its path, to which the caller writes it."""
@@ -61,6 +80,7 @@ class Result:
                 "metrics": self.metrics,
                 "warnings": [str(notice) for notice in self.warnings],
                 "notices": [asdict(notice) for notice in self.warnings],
+                **({} if self.verdict is None else verdict_record(self.verdict)),
             }
         )
 

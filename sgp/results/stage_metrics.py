@@ -133,6 +133,10 @@ class NormalsMetrics(QualityMetrics):
     strength_sigma : 1
         `--semi-calibrated`: median of the relative standard deviations of the strengths, with 1 %
         for the height if it was found with them
+    light_distance_mm : mm
+        `--light-distance-mm`: distance of the lights from the middle of the object
+    light_distance_sigma_mm : mm
+        standard deviation of this distance, if it was estimated
     """
 
     images: int
@@ -153,6 +157,8 @@ class NormalsMetrics(QualityMetrics):
     height_changes_mm: NotRequired[list[float]]
     excluded: NotRequired[list[str]]
     strength_sigma: NotRequired[float]
+    light_distance_mm: NotRequired[float]
+    light_distance_sigma_mm: NotRequired[float]
 
 
 class SeparationMetrics(TypedDict):

@@ -1,9 +1,12 @@
+from .acceptance import Acceptance as Acceptance
+from .acceptance import Accepted as Accepted
 from .operator_messages import CaptureTalk as CaptureTalk
 from .resume_command import ResumeCommand as ResumeCommand
 from .resume_command import can_be_retaken as can_be_retaken
 from .session_sheet import write_session_sheet as write_session_sheet
 from .session_summary import describe as describe
 from .session_summary import left_out_notices as left_out_notices
+from .session_verdict import judge_frames as judge_frames
 from .simulation import Rendered as Rendered
 from .simulation import metered_exposures as metered_exposures
 from .simulation import pixels_in_view as pixels_in_view
@@ -11,7 +14,7 @@ from .simulation import record_simulated as record_simulated
 from .simulation import rendered as rendered
 from .steps import MeterOptions as MeterOptions
 from .steps import Preparation as Preparation
-from .steps import accept as accept
 from .steps import checked_wiring as checked_wiring
 from .steps import dry_run as dry_run
 from .steps import metered as metered
+from .steps import take_findings as take_findings

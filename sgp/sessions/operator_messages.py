@@ -14,10 +14,8 @@ import rig as rigs
 from sgp.cli.console import Stages, note
 from sgp.cli.exit import UsageError
 from sgp.cli.terminal import STDERR
+from sgp.sessions.acceptance import Acceptance, forget_keys, is_attended
 from sgp.sessions.resume_command import ResumeCommand
-
-if sys.platform != "win32":
-    import termios
 
 _STOPPING = b"\nstopping after this shot; Ctrl-C again stops now\n"
 # Interval at which a prompt checks whether Ctrl-C was pressed.
@@ -44,9 +42,18 @@ class CaptureTalk:
         Command that resumes the session.
     card_is_there
         True if only flat frames are missing: the operator who resumes has placed the card.
+    accepting
+        Answers to findings that make further frames useless; by default the operator's.
     """
 
-    def __init__(self, again: ResumeCommand, *, card_is_there: bool = False) -> None:
+    def __init__(
+        self,
+        again: ResumeCommand,
+        *,
+        card_is_there: bool = False,
+        accepting: Acceptance | None = None,
+    ) -> None:
+        self._accepting = accepting or Acceptance()
         self._again = again
         self._card_is_there = card_is_there
         self._stopping = False
@@ -69,6 +76,7 @@ class CaptureTalk:
             on_event=self.on_event,
             on_stop=self.on_stop,
             on_damage=self.on_damage,
+            accept=self._accepting,
             before_flats=self.before_flats,
         )
 
@@ -91,9 +99,9 @@ class CaptureTalk:
 
     def before_flats(self) -> None:
         """Ask for the white card to be placed under the camera; Ctrl-C ends the wait."""
-        asked = sys.stdin is not None and sys.stdin.isatty()
+        asked = is_attended()
         if asked:
-            _forget_keys()
+            forget_keys()
             note(f"{_CARD}, then press Enter")
         if not (self._enter_is_pressed() if asked else self._card_is_there):
             raise UsageError(f"{_CARD}, then continue with `{self._again.text()}`")
@@ -132,9 +140,3 @@ class CaptureTalk:
             f"{'the LEDs are off' if dark else 'see below for the LEDs'}; "
             f"`{again}` {remedy}"
         )
-
-
-def _forget_keys() -> None:
-    """Discard keys that were pressed before the prompt: they do not confirm the card."""
-    if sys.platform != "win32":
-        termios.tcflush(sys.stdin, termios.TCIFLUSH)

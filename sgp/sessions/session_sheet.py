@@ -24,7 +24,7 @@ _SWATCH_PX: Final = 12
 _MARK_PX: Final = 66  # width of the mark of simulated frames
 _MARK_RGB: Final = (190, 0, 0)
 _UNLIT: Final = ("dark", "ambient")
-_ORDER: Final = ("light", "flat", "dark", "ambient")
+_ORDER: Final = ("light", "repeat", "flat", "dark", "ambient")
 
 
 def write_session_sheet(path: Path, session: acquisition.Session) -> None:

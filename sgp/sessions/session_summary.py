@@ -114,19 +114,19 @@ def _frame_table(session: acquisition.Session) -> list[str]:
     if not session.frames:
         return []
     width = max(20, *(len(frame.line.file) for frame in session.frames))
-    dark_dn = _dark_dn(session)
+    unlit_dn = dark_dn(session)
     names = f"{'role':<7} {'exposure':>11} {'99 % DN':>8} {'lit DN':>7} {'clipped':>9}"
     head = f"{'file':<{width}} {names}"
-    return [head, *(_row(frame.line, dark_dn, width) for frame in session.frames)]
+    return [head, *(_row(frame.line, unlit_dn, width) for frame in session.frames)]
 
 
-def _dark_dn(session: acquisition.Session) -> dict[float | None, int]:
-    """Return the 99th percentile of the frames with all LEDs off, by exposure time."""
+def dark_dn(session: acquisition.Session, percentile: str = "99") -> dict[float | None, int]:
+    """Return a percentile of the frames with all LEDs off, by exposure time."""
     unlit = sorted(
         (frame.line for frame in session.frames if frame.role in ("dark", "ambient")),
         key=lambda line: line.role == "ambient",
     )
-    return {line.exposure_us: line.percentiles_dn["99"] for line in unlit}
+    return {line.exposure_us: line.percentiles_dn[percentile] for line in unlit}
 
 
 def _row(
@@ -135,7 +135,7 @@ def _row(
     exposure = "-" if line.exposure_us is None else f"{line.exposure_us:g} us"
     bright_dn = line.percentiles_dn["99"]
     lit = ""
-    if line.role in ("light", "flat") and line.exposure_us in dark_dn:
+    if line.role not in ("dark", "ambient") and line.exposure_us in dark_dn:
         lit = str(bright_dn - dark_dn[line.exposure_us])
     return (
         f"{line.file:<{width}} {line.role:<7} {exposure:>11} {bright_dn:>8} {lit:>7} "

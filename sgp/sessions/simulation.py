@@ -153,7 +153,8 @@ def record_simulated(
         dead_leds=dead,
         frame_timeout_s=timeout_s,
     )
-    plan = acquisition.CapturePlan(leds=tuple(range(leds)), exposures_us=exposures_us)
+    # Nothing moves or fades between the frames of a rendering.
+    plan = acquisition.CapturePlan(leds=tuple(range(leds)), exposures_us=exposures_us, repeat=False)
     with (
         simulator.open_rig_seeing(rendering, config, seed=seed, noisy=noisy, realtime=False) as rig,
         Stages() as progress,

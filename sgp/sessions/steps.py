@@ -15,6 +15,7 @@ from sgp.cli.console import note, with_progress
 from sgp.cli.exit import UsageError
 from sgp.cli.options import Real
 from sgp.results import Result
+from sgp.sessions.acceptance import Acceptance
 
 Metering = Literal["each", "one"]
 _Percentile = Annotated[Real, Parameter(validator=Number(gt=0, lte=100))]
@@ -104,7 +105,7 @@ def checked_wiring(rig: rigs.Rig, plan: acquisition.CapturePlan) -> acquisition.
     """
     check = acquisition.preflights.check_leds(rig, plan, metered=False)
     if check.state == "failed":
-        accept(acquisition.preflights.Preflight((check,)), Preparation())
+        take_findings(acquisition.preflights.Preflight((check,)), Preparation(), Acceptance())
     return check
 
 
@@ -116,13 +117,17 @@ class CheckFailedError(rigs.RigError):
         self.findings = findings
 
 
-def accept(preflight: acquisition.preflights.Preflight, prepared: Preparation) -> None:
-    """Add the findings of a pre-flight check to `prepared`; raise if a check failed.
+def take_findings(
+    preflight: acquisition.preflights.Preflight, prepared: Preparation, accepting: Acceptance
+) -> None:
+    """Add the findings of a pre-flight check to `prepared`; raise if a recording would be useless.
 
     Raises
     ------
     RigError
         If a check failed.
+    NotAcceptedError
+        If a finding makes a recording useless and is not accepted.
     """
     complaints = [notice for check in preflight.failed for notice in check.notices]
     if len(complaints) > 1:
@@ -134,7 +139,12 @@ def accept(preflight: acquisition.preflights.Preflight, prepared: Preparation) -
         )
     if complaints:
         raise rigs.RigError(f"the check before recording failed: {complaints[0]}")
-    prepared.events.append(("checked", preflight.details()))
+    for check in preflight.doubtful:
+        for finding in check.notices:
+            accepting.require(finding)
+    accepted = [check.doubt for check in preflight.doubtful]
+    stated = {"accepted": accepted} if accepted else {}
+    prepared.events.append(("checked", {**preflight.details(), **stated}))
     warned = (check for check in preflight.checks if check.state == "warning")
     prepared.warnings += [notice for check in warned for notice in check.notices]
 

@@ -23,8 +23,11 @@ from sgp.results import (
     StagesMetrics,
     claim_folder,
     dumps,
+    good_result,
     output_fault,
     read_record,
+    recorded_verdict,
+    verdict_record,
     write_record,
 )
 from sgp.stages.maps import MapInput, stage_maps
@@ -234,6 +237,8 @@ class _Run:
             merged.parameters |= result.parameters
             merged.outputs.update({f"{name}.{key}": path for key, path in result.outputs.items()})
             merged.warnings += result.warnings
+            if result.verdict is not None:
+                merged.verdict, merged.good = result.verdict, result.good
             merged.summary += [f"{name:<8} {line}" for line in result.summary]
         self.inputs = None  # the pictures that follow need the memory
         figures = {name: result.metrics for name, result in self.results.items()}
@@ -267,6 +272,9 @@ class _Run:
             summary=content["summary"],
             parameters=content["parameters"],
         )
+        if "verdict" in content:
+            result.verdict = recorded_verdict(content)
+            result.good = good_result(result.verdict)
         try:
             files = read_record(folder / f"{name}.json").files
         except (acquisition.DataError, acquisition.MissingPathError):
@@ -301,6 +309,7 @@ class _Run:
                 "notices": [asdict(notice) for notice in result.warnings],
                 "summary": result.summary,
                 "parameters": result.parameters,
+                **({} if result.verdict is None else verdict_record(result.verdict)),
             }
             acquisition.write_durably(self.store.folder / f"{name}.json", dumps(content).encode())
         return result

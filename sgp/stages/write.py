@@ -17,6 +17,7 @@ from sgp.results import (
     SeparationMetrics,
     add_quality,
     add_uncertainty,
+    good_result,
     provenance,
     quality_lines,
     sigma_lines,
@@ -40,8 +41,9 @@ def write_normals_stage(
 ) -> Result:
     """Write normals, albedo, error bars and maps of doubts; return files and figures.
 
-    ``picture`` is that of the albedo, if it is known. Estimated strengths of lights are written
-    with their provenance: the command and its input files.
+    ``picture`` is that of the albedo, if it is known. Lights with estimated strengths, or with
+    positions that follow from a distance, are written with their provenance: the command and its
+    input files.
     """
     result, maps_of = Result(warnings=list(stage.warnings)), stage.maps
     result.outputs = maps.write(folder, maps_of["normals"], stage.valid)
@@ -61,19 +63,14 @@ def write_normals_stage(
     result.parameters = {"albedo_png": {"white": white}}
     metrics = normals_metrics(stage)
     result.metrics = metrics
-    if stage.strengths is not None:
-        result.outputs["lights"] = folder / "lights.json"
-        chosen = {"source": stage.source.path, "semi_calibrated": True}
-        acquisition.write_lights(
-            result.outputs["lights"],
-            stage.strengths.lights,
-            provenance=provenance(command, chosen, files),
-        )
+    _write_lights(result, folder / "lights.json", stage, command, files)
+    result.verdict, result.good = stage.verdict, good_result(stage.verdict)
     solved_share = stage.valid.sum() / stage.mask.sum()
     result.summary = [
         *quality_lines(stage.quality),
         *_height_line(metrics),
         *_strength_line(stage.strengths),
+        *_distance_line(metrics),
         *sigma_lines(metrics),
         f"{len(stage.lights)} images, {metrics['lights']} lights, "
         f"{solved_share:.1%} of {metrics['pixels']} pixels solved",
@@ -84,6 +81,26 @@ def write_normals_stage(
             f"median {stage.error.median_deg:.2f} deg"
         )
     return result
+
+
+def _write_lights(
+    result: Result,
+    path: Path,
+    stage: processing.Reconstruction,
+    command: str,
+    files: list[Path],
+) -> None:
+    """Write the lights if they are not those of the source."""
+    lights = stage.source.lights if stage.strengths is None else stage.strengths.lights
+    chosen: dict[str, object] = {}
+    if stage.strengths is not None:
+        chosen["semi_calibrated"] = True
+    if stage.light_distance is not None:
+        chosen["light_distance_mm"] = stage.light_distance.distance_mm
+    if chosen and lights is not None:
+        result.outputs["lights"] = path
+        made_by = provenance(command, {"source": stage.source.path, **chosen}, files)
+        acquisition.write_lights(path, lights, provenance=made_by)
 
 
 def _as_float(values: acquisition.MapRows) -> acquisition.MapRows:
@@ -145,6 +162,16 @@ def _strength_line(strengths: processing.checks.LightStrengths | None) -> list[s
     ]
 
 
+def _distance_line(metrics: NormalsMetrics) -> list[str]:
+    if "light_distance_mm" not in metrics:
+        return []
+    away, sigma = metrics["light_distance_mm"], metrics.get("light_distance_sigma_mm")
+    known = "" if sigma is None else f" (sd {sigma:.2g})"
+    return [
+        f"lights {away:.0f} mm{known} from the middle of the object: their positions are written"
+    ]
+
+
 def normals_metrics(stage: processing.Reconstruction) -> NormalsMetrics:
     """Return the figures of an estimation of normals."""
     metrics: NormalsMetrics = {
@@ -167,6 +194,10 @@ def normals_metrics(stage: processing.Reconstruction) -> NormalsMetrics:
         metrics["excluded"] = list(stage.excluded)
     if stage.strengths is not None:
         metrics["strength_sigma"] = float(np.median(stage.strengths.sigmas))
+    if stage.light_distance is not None:
+        metrics["light_distance_mm"] = stage.light_distance.distance_mm
+        if stage.light_distance.sigma_mm:
+            metrics["light_distance_sigma_mm"] = stage.light_distance.sigma_mm
     if stage.error is not None:
         metrics["coverage"] = stage.error.coverage
         metrics["mae_deg"] = stage.error.mae_deg

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 from simulator.bench.state import NEVER_NS, BenchState, BenchWriter, ExposurePeriod
@@ -55,6 +55,8 @@ class BoardOutputs:
         self.wire: Callable[[int], tuple[int, ...]] = lambda time_ns: (time_ns,)
         self._lights: deque[Light] = deque(maxlen=_KEPT)
         self._pulses: deque[_Span] = deque(maxlen=_KEPT)
+        # The lights and pulses that may have a future edge; `next_event_ns` removes the others.
+        self._ahead: deque[_Span] = deque(maxlen=2 * _KEPT)
         self._reported_ns = -1
         self._reported: tuple[dict[int, int], bool] | None = None
 
@@ -66,6 +68,7 @@ class BoardOutputs:
             for lit in leds
         )
         self._lights.extend(lights)
+        self._ahead.extend(lights)
         return lights
 
     def end(self, lights: tuple[Light, ...], end_ns: int) -> None:
@@ -81,7 +84,9 @@ class BoardOutputs:
         """Raise the trigger line; lower it after 200 us, or after ``hold_ns`` if that is less."""
         for seen_ns in self.wire(time_ns):
             self._bench.pulse(seen_ns)
-        self._pulses.append(_Span(time_ns, time_ns + min(TRIGGER_NS, hold_ns)))
+        pulse = _Span(time_ns, time_ns + min(TRIGGER_NS, hold_ns))
+        self._pulses.append(pulse)
+        self._ahead.append(pulse)
 
     def pulse_before_ns(self, time_ns: int) -> int | None:
         """Return the time of the last rising edge before a time; None if there is no edge."""
@@ -96,7 +101,8 @@ class BoardOutputs:
 
     def events(self, now_ns: int) -> list[Event]:
         """Return the edges since the last call, with their times in us."""
-        times = {time_ns for time_ns in self._edges_ns() if self._reported_ns <= time_ns < now_ns}
+        edges_ns = _edges_ns((*self._lights, *self._pulses))
+        times = {time_ns for time_ns in edges_ns if self._reported_ns <= time_ns < now_ns}
         events: list[Event] = []
         for time_ns in sorted(times | {now_ns}):
             lights = [one for one in self._lights if one.start_ns <= time_ns < one.end_ns]
@@ -115,12 +121,16 @@ class BoardOutputs:
 
     def next_event_ns(self, now_ns: int) -> int:
         """Return the time of the next edge."""
-        return min((time_ns for time_ns in self._edges_ns() if time_ns > now_ns), default=NEVER_NS)
+        ahead = (span for span in self._ahead if span.end_ns > now_ns)
+        self._ahead = deque(ahead, self._ahead.maxlen)
+        edges_ns = _edges_ns(self._ahead)
+        return min((time_ns for time_ns in edges_ns if time_ns > now_ns), default=NEVER_NS)
 
-    def _edges_ns(self) -> Iterator[int]:
-        for span in (*self._lights, *self._pulses):
-            yield span.start_ns
-            yield span.end_ns
+
+def _edges_ns(spans: Iterable[_Span]) -> Iterator[int]:
+    for span in spans:
+        yield span.start_ns
+        yield span.end_ns
 
 
 class ActiveInput:

@@ -19,7 +19,9 @@ from rig.board import BoardEcho, BoardIdentity
 from rig.camera import Trigger
 
 LEDS = 6
-PLAN = CapturePlan(leds=(3, 0, 5), exposures_us=(200.0, 50.0), ambient=True, gain_db=2.0)
+PLAN = CapturePlan(
+    repeat=False, leds=(3, 0, 5), exposures_us=(200.0, 50.0), ambient=True, gain_db=2.0
+)
 LABELS = Labels("Ada", "coin")
 
 

@@ -7,7 +7,7 @@ import json
 import random
 import shutil
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,7 @@ from rig import RigError
 from sgp.sessions import describe, write_session_sheet
 from tests.acquisition.fake_bench import Bench, rig_on
 
+LAYOUTS = {"diligent": "raw", "lp": "linear", "exr": "raw", "alicevision": "linear"}
 DECLARED = (DataError, MissingPathError, StorageError, RigError)
 
 NESTED: Any = 0
@@ -157,10 +158,17 @@ def mutant(folder: Path, dice: random.Random) -> str:
     return f"line {number + 1}: {said}"
 
 
-def read_by_all(folder: Path, work: Path) -> list[str]:
+def read_by_all(
+    folder: Path,
+    work: Path,
+    *,
+    layouts: Iterable[str] = LAYOUTS,
+    retakes: Iterable[bool] = (False, True),
+) -> list[str]:
     """Apply every reader to a session; return the violations.
 
-    Each reader may raise its declared errors. An error in the journal that one reader finds must be
+    The session is exported in some layouts and resumed with some values of ``retake_damaged``. Each
+    reader may raise its declared errors. An error in the journal that one reader finds must be
     found by all.
     """
     wrong: list[str] = []
@@ -194,18 +202,13 @@ def read_by_all(folder: Path, work: Path) -> list[str]:
         tried("sheet", lambda: write_session_sheet(work / "sheet.png", session))
     if source is not None:
         tried("frames", lambda: [frame.read() for frame in source.frames])
-    for layout, values in (
-        ("diligent", "raw"),
-        ("lp", "linear"),
-        ("exr", "raw"),
-        ("alicevision", "linear"),
-    ):
-        out = work / f"{layout}-{values}"
+    for layout in layouts:
+        out, values = work / layout, LAYOUTS[layout]
         tried(layout, lambda: prepare_export(folder, layout, values=values).write(out))  # noqa: B023
     copy = work / "compacted"
     shutil.copytree(folder, copy)
     tried("compact", lambda: compact_session(copy))
-    for option in (False, True):
+    for option in retakes:
         copy = work / f"resumed-{option}"
         shutil.copytree(folder, copy)
         with rig_on(Bench()) as rig:

@@ -13,7 +13,7 @@ from acquisition.session import Manifest, SessionWriter
 from rig.arrays import UInt16
 
 SHAPE = (24, 32)
-PLAN = CapturePlan(leds=(0, 1), exposures_us=(100.0,))
+PLAN = CapturePlan(repeat=False, leds=(0, 1), exposures_us=(100.0,))
 
 
 def picture(seed: int, shape: tuple[int, ...] = SHAPE, above: int = 40) -> UInt16:

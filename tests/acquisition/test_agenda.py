@@ -13,7 +13,7 @@ from acquisition.plan import PlannedShot
 
 
 def test_a_rejected_shot_is_added_before_those_judged_by_it_otherwise_last() -> None:
-    plan = CapturePlan(leds=(0, 1), exposures_us=(200.0, 50.0), flats=1)
+    plan = CapturePlan(repeat=False, leds=(0, 1), exposures_us=(200.0, 50.0), flats=1)
     shots = plan.shots()
     by_name = {shot.file: shot for shot in shots}
 
@@ -68,7 +68,7 @@ def test_where_a_rejected_shot_is_added(again: Any, left: list[Any], place: int)
 
 
 def test_shots_are_taken_and_put_back() -> None:
-    shots = CapturePlan(leds=(0, 1), exposures_us=(200.0,)).shots()
+    shots = CapturePlan(repeat=False, leds=(0, 1), exposures_us=(200.0,)).shots()
     agenda = Agenda(shots)
     assert (len(agenda), agenda.first) == (3, shots[0])
     assert list(agenda.take()) == [shots[0]]

@@ -230,7 +230,7 @@ def test_on_the_simulated_rig(tmp_path: Path) -> None:
     def plane(led: int | None) -> Float32:
         return np.zeros((6, 8), np.float32) if led is None else base * 0.02 * (led + 1)
 
-    plan = CapturePlan(leds=(2, 0, 3), exposures_us=(500.0,))
+    plan = CapturePlan(repeat=False, leds=(2, 0, 3), exposures_us=(500.0,))
     with simulated_rig(
         plane, config, size=(6, 8), formation=ImageFormation(sensor, noisy=False)
     ) as rig:

@@ -21,7 +21,7 @@ def test_leds_listed_as_dead_are_left_out_reported_and_recorded(
     rig: RealRig, bench: Bench, tmp_path: Path
 ) -> None:
     reported: list[tuple[str, Any]] = []
-    plan = CapturePlan(leds=(3, 4, 5), exposures_us=(100.0,))
+    plan = CapturePlan(repeat=False, leds=(3, 4, 5), exposures_us=(100.0,))
     session = record(
         rig,
         plan,
@@ -140,7 +140,7 @@ def test_retakes_are_taken_before_the_white_card(
         bench.dead = {led} if before.count(led) == 1 and bench.led == led else set()
 
     bench.on_trigger = light_again
-    plan = CapturePlan(leds=(3, 0, 1), exposures_us=(200.0,), flats=3, retakes=1)
+    plan = CapturePlan(repeat=False, leds=(3, 0, 1), exposures_us=(200.0,), flats=3, retakes=1)
     session = record(
         *(rig, plan, tmp_path / "s"),
         LABELS,

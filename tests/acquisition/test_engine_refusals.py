@@ -26,8 +26,8 @@ from rig import Rig as RealRig
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench, events_of
 
 INVALID_ARGUMENTS = {
-    "no-led": ({"plan": CapturePlan(leds=(6,), exposures_us=(1,))}, "LED 6"),
-    "dead-led": ({"plan": CapturePlan(leds=(4,), exposures_us=(1,))}, "dead"),
+    "no-led": ({"plan": CapturePlan(repeat=False, leds=(6,), exposures_us=(1,))}, "LED 6"),
+    "dead-led": ({"plan": CapturePlan(repeat=False, leds=(4,), exposures_us=(1,))}, "dead"),
     "camera": (
         {"calibrations": Calibrations(camera_model=CameraModel(np.eye(3), 9, 7))},
         "9 x 7 pixels",

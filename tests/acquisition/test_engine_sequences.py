@@ -31,7 +31,9 @@ def _sequenced_rig() -> RealRig:
     )
 
 
-SEQUENCE = CapturePlan(leds=tuple(range(12)), exposures_us=(500.0, 300.0), sequence=True)
+SEQUENCE = CapturePlan(
+    repeat=False, leds=tuple(range(12)), exposures_us=(500.0, 300.0), sequence=True
+)
 
 
 def test_a_sequence_is_recorded(tmp_path: Path) -> None:

@@ -166,7 +166,7 @@ def test_a_plan_of_60000_leds(tmp_path: Path) -> None:
     own = "".join(f"{led} = [{led + 1}.0]\n" for led in range(0, 60_000, 100))
     path.write_text(f"leds = [{leds}]\nexposures_us = [5.5]\n[exposures_by_led]\n{own}")
     plan = read_plan(path)
-    assert len(plan.shots()) == 60_000 + len(plan.distinct_exposures_us)
+    assert len(plan.shots()) == 60_001 + len(plan.distinct_exposures_us)
 
 
 @pytest.mark.slow

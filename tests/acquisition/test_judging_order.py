@@ -65,6 +65,7 @@ def test_a_rejected_dark_frame_is_not_a_reference(
 ) -> None:
     """The door was open during the first dark frame: only this frame is retaken, first of all."""
     plan = CapturePlan(
+        repeat=False,
         leds=(3, 0),
         exposures_us=(200.0, 50.0),
         dark=role == "dark",
@@ -89,7 +90,9 @@ def test_a_long_exposure_is_retaken_before_a_short_one_is_judged_by_it(
     rig: Rig, bench: Bench, tmp_path: Path
 ) -> None:
     bench.albedo = 0.02
-    plan = CapturePlan(leds=(0, 3), exposures_us=(10.0, 200.0), retakes=1, max_clipped_fraction=0.5)
+    plan = CapturePlan(
+        repeat=False, leds=(0, 3), exposures_us=(10.0, 200.0), retakes=1, max_clipped_fraction=0.5
+    )
     spoil(bench, 3)  # the first shot of LED 0
     session = record(rig, plan, tmp_path / "s", LABELS)
     assert bench.shots == [None, None, 0, 3, 0, 0, 3]
@@ -102,6 +105,7 @@ def test_a_long_exposure_is_retaken_before_a_short_one_is_judged_by_it(
 def test_a_sequence_has_no_shot_that_cannot_be_judged_yet(tmp_path: Path) -> None:
     """50 us are too short for LED 0 and sufficient for LED 1: one exposure, two ranks."""
     plan = CapturePlan(
+        repeat=False,
         leds=(0, 1, 2),
         exposures_us=(50.0, 40.0),
         exposures_by_led={0: (900.0, 50.0)},
@@ -116,7 +120,12 @@ def test_a_sequence_has_no_shot_that_cannot_be_judged_yet(tmp_path: Path) -> Non
 
 def test_a_sequence_ends_with_a_dark_frame_that_is_rejected(tmp_path: Path) -> None:
     plan = CapturePlan(
-        leds=(0, 1, 2), exposures_us=(500.0,), sequence=True, retakes=1, max_clipped_fraction=0.5
+        repeat=False,
+        leds=(0, 1, 2),
+        exposures_us=(500.0,),
+        sequence=True,
+        retakes=1,
+        max_clipped_fraction=0.5,
     )
     with sequenced_rig({0: 1.0, 1: 1.0, 2: 1.0}) as sequenced:
         spoil(sequenced.camera, 1)
@@ -132,7 +141,9 @@ def test_frames_that_another_process_added_are_references_too(
     rig: Rig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its dark frames were added after the session was read and before it was locked."""
-    cut(rig, bench, tmp_path / "s", 1, CapturePlan(leds=(3, 0), exposures_us=(200.0,)))
+    cut(
+        rig, bench, tmp_path / "s", 1, CapturePlan(repeat=False, leds=(3, 0), exposures_us=(200.0,))
+    )
     real = _engine._fitting
 
     def looked_at_early(*words: Any, **more: Any) -> Any:

@@ -127,7 +127,9 @@ def test_a_sequence_ends_at_a_frame_of_another_led(
 
     monkeypatch.setattr(rig, "sequence", sequence)
     rig.config = rig.config.model_copy(update={"trigger": "board"})
-    plan = CapturePlan(leds=(3, 1, 5, 2), exposures_us=(200.0,), sequence=True, retakes=1)
+    plan = CapturePlan(
+        repeat=False, leds=(3, 1, 5, 2), exposures_us=(200.0,), sequence=True, retakes=1
+    )
     monkeypatch.setattr(rig, "_arm", lambda trigger: None)
     monkeypatch.setattr(rig, "prepare", lambda *words: None)
     session = record(rig, plan, tmp_path / "s", LABELS)
@@ -139,7 +141,7 @@ def test_a_sequence_ends_at_a_frame_of_another_led(
 
 def test_the_writer_stores_no_frame_of_another_led(tmp_path: Path) -> None:
     camera = {"width": 8, "height": 6, "bit_depth": 12}
-    plan = CapturePlan(leds=(3, 7), exposures_us=(100.0,), flats=1)
+    plan = CapturePlan(repeat=False, leds=(3, 7), exposures_us=(100.0,), flats=1)
     manifest = Manifest.begin(tmp_path, plan=plan, camera=camera)
     pixels = np.zeros((6, 8), np.uint16)
     with SessionWriter.create(tmp_path / "s", manifest) as writer:

@@ -38,7 +38,7 @@ from tests.simulator.camera_options import grouped
 LEDS = 8
 SIZE = (4, 6)
 # A dark frame, then the lights, in one sequence.
-PLAN = CapturePlan(leds=tuple(range(LEDS)), exposures_us=(1000.0,), sequence=True)
+PLAN = CapturePlan(repeat=False, leds=tuple(range(LEDS)), exposures_us=(1000.0,), sequence=True)
 
 
 def _plane(led: int | None) -> np.ndarray:

@@ -63,7 +63,7 @@ def metered(rig: NumberRig, plan: CapturePlan, **goal: Any) -> Any:
 
 
 def plan_of(*leds: int, **others: Any) -> CapturePlan:
-    return CapturePlan(**{"leds": leds, "exposures_us": (20_000.0,), **others})
+    return CapturePlan(repeat=False, **{"leds": leds, "exposures_us": (20_000.0,), **others})
 
 
 def expected_us(strength: float, fraction: float = 0.7, percentile: float = 99.5) -> float:
@@ -266,7 +266,9 @@ def test_on_the_simulated_rig_the_percentile_is_within_3_per_cent(
 
     made = scene_named(scene, width=160, height=128, leds=8, seed=seed)
     rendering = render(replace(made, lens=replace(made.lens, cfa=cfa)))
-    plan = CapturePlan(leds=tuple(range(8)), exposures_us=(20_000.0, 800.0), gain_db=gain_db)
+    plan = CapturePlan(
+        repeat=False, leds=tuple(range(8)), exposures_us=(20_000.0, 800.0), gain_db=gain_db
+    )
     with open_rig_seeing(rendering, seed=seed, realtime=False, camera="inside") as rig:
         found = meter(rig, plan)
         assert found.dead_leds == ()

@@ -17,7 +17,9 @@ from acquisition.plan import PlannedShot
 
 
 def test_order_and_file_names_of_shots() -> None:
-    plan = CapturePlan(leds=(7, 2), exposures_us=(10000, 40), repeats=2, dark=True, ambient=True)
+    plan = CapturePlan(
+        repeat=False, leds=(7, 2), exposures_us=(10000, 40), repeats=2, dark=True, ambient=True
+    )
     names = [shot.file for shot in plan.shots()]
     assert names == [
         *("D_10000us.tif", "D_40us.tif", "A_10000us.tif", "A_40us.tif"),
@@ -29,7 +31,7 @@ def test_order_and_file_names_of_shots() -> None:
 
 
 def test_unlit_frames_are_optional() -> None:
-    plan = CapturePlan(leds=(0,), exposures_us=(10.0,), dark=False)
+    plan = CapturePlan(repeat=False, leds=(0,), exposures_us=(10.0,), dark=False)
     assert plan.shots() == (PlannedShot("light", 0, 0, 0, 10.0),)
 
 
@@ -48,7 +50,7 @@ def test_file_names(shot: PlannedShot, number: int, file: str) -> None:
 
 
 def test_exposures_that_differ_in_the_last_digit_have_different_names() -> None:
-    plan = CapturePlan(leds=(0,), exposures_us=(1 / 3, 1 / 3 + 1e-16))
+    plan = CapturePlan(repeat=False, leds=(0,), exposures_us=(1 / 3, 1 / 3 + 1e-16))
     assert len({shot.file for shot in plan.shots()}) == len(plan.shots())
 
 
@@ -119,12 +121,16 @@ def test_plan_file(tmp_path: Path) -> None:
     path.write_text("leds = [2, 0]\nexposures_us = [20000]\nambient = true\ngain_db = 6")
     plan = CapturePlan(leds=(2, 0), exposures_us=(20000.0,), ambient=True, gain_db=6.0)
     assert read_plan(path) == plan
+    assert [shot.role for shot in plan.shots()][-2:] == ["light", "repeat"]
+    path.write_text(f"{path.read_text()}\nrepeat = false")
+    assert read_plan(path) == plan.changed(repeat=False)
+    assert "repeat" not in {shot.role for shot in read_plan(path).shots()}
     with pytest.raises(MissingPathError):
         read_plan(tmp_path / "other.toml")
 
 
 def test_a_plan_does_not_change() -> None:
-    plan = CapturePlan(leds=(0,), exposures_us=(1.0,))
+    plan = CapturePlan(repeat=False, leds=(0,), exposures_us=(1.0,))
     with pytest.raises(ValidationError):
         plan.repeats = 2
 
@@ -138,12 +144,13 @@ def test_a_plan_does_not_change() -> None:
     ],
 )
 def test_plan_against_board(leds: tuple[int, ...], dead: tuple[int, ...], said: Any) -> None:
-    plan = CapturePlan(leds=leds, exposures_us=(1.0,))
+    plan = CapturePlan(repeat=False, leds=leds, exposures_us=(1.0,))
     with nullcontext() if said is None else pytest.raises(DataError, match=said):
         plan.check(36, dead)
 
 
 BY_LED = CapturePlan(
+    repeat=False,
     leds=(4, 1, 7, 2),
     exposures_us=(1000.0, 50.0),
     exposures_by_led={1: (2000.0, 100.0), 2: (2000.0, 50.0)},
@@ -170,7 +177,9 @@ def test_leds_with_exposures_of_their_own() -> None:
 
 
 def test_an_exposure_that_no_led_uses_gets_no_dark_frame() -> None:
-    plan = CapturePlan(leds=(3,), exposures_us=(1000.0,), exposures_by_led={3: (70.0,)})
+    plan = CapturePlan(
+        repeat=False, leds=(3,), exposures_us=(1000.0,), exposures_by_led={3: (70.0,)}
+    )
     assert [shot.file for shot in plan.shots()] == ["D_70us.tif", "L03_E0.tif"]
 
 
@@ -228,6 +237,7 @@ def test_every_plan_has_each_file_once_and_an_exposure_for_each(data: st.DataObj
     brackets = data.draw(st.integers(1, 3))
     exposures = st.lists(some_us, min_size=brackets, max_size=brackets, unique=True).map(tuple)
     plan = CapturePlan(
+        repeat=False,
         leds=tuple(leds),
         exposures_us=data.draw(exposures),
         exposures_by_led=data.draw(st.dictionaries(st.sampled_from(leds), exposures)),

@@ -37,7 +37,7 @@ from simulator.rigs import bench_rig as _simulated_rig
 from simulator.scene import Lamps
 
 LEDS = 8
-PLAN = CapturePlan(leds=tuple(range(LEDS)), exposures_us=(20_000.0, 1000.0))
+PLAN = CapturePlan(repeat=False, leds=tuple(range(LEDS)), exposures_us=(20_000.0, 1000.0))
 WHITE_DN = 4095.0
 
 
@@ -114,7 +114,7 @@ def test_a_flickering_lamp_is_reported_with_a_suitable_exposure(
     assert named(flight, "steadiness").state == "warning"
     assert "1024 us" in named(flight, "steadiness").text
     # An exposure of an integer number of periods is steady.
-    plan = CapturePlan(leds=PLAN.leds, exposures_us=(20_480.0, 1024.0))
+    plan = CapturePlan(repeat=False, leds=PLAN.leds, exposures_us=(20_480.0, 1024.0))
     assert states(flown(rendering, plan, tmp_path, flaws=pulsed))["steadiness"] == "ok"
 
 
@@ -145,7 +145,7 @@ def test_unsuitable_exposures(
     state: str,
     said: str,
 ) -> None:
-    plan = CapturePlan(leds=PLAN.leds, exposures_us=exposures_us, **others)
+    plan = CapturePlan(repeat=False, leds=PLAN.leds, exposures_us=exposures_us, **others)
     flight = flown(rendering, plan, tmp_path)
     if name is None:
         assert set(states(flight).values()) == {"ok"}
@@ -158,7 +158,7 @@ def test_unsuitable_exposures(
 def test_an_exposure_beyond_the_camera_fails_and_checks_of_frames_are_not_done(
     rendering: Rendering, tmp_path: Path
 ) -> None:
-    plan = CapturePlan(leds=PLAN.leds, exposures_us=(5.0,))
+    plan = CapturePlan(repeat=False, leds=PLAN.leds, exposures_us=(5.0,))
     flight = flown(rendering, plan, tmp_path)
     assert "exposes for 10 to 1e+07 us, not for 5" in named(flight, "camera").text
     assert states(flight)["disk"] == states(flight)["board"] == "ok"
@@ -192,7 +192,7 @@ def test_automatic_functions_that_were_on_are_named(
         pytest.skip(str(error))
     made = partial(_simulated_rig.GentlDevice, automatics=automatics)
     monkeypatch.setattr(_simulated_rig, "GentlDevice", made)
-    plan = CapturePlan(leds=PLAN.leds, exposures_us=(1000.0,))
+    plan = CapturePlan(repeat=False, leds=PLAN.leds, exposures_us=(1000.0,))
     with open_rig_seeing(rendering, seed=2, camera="gentl") as rig:
         check = check_camera(rig, plan)
     assert check.state == "ok"
@@ -201,14 +201,14 @@ def test_automatic_functions_that_were_on_are_named(
 
 
 def test_a_plan_for_another_board_fails(rendering: Rendering, tmp_path: Path) -> None:
-    plan = CapturePlan(leds=(0, LEDS), exposures_us=(1000.0,))
+    plan = CapturePlan(repeat=False, leds=(0, LEDS), exposures_us=(1000.0,))
     assert "LED 8 does not exist" in named(flown(rendering, plan, tmp_path), "board").text
 
 
 def test_an_exposure_beyond_the_longest_hold_of_the_board_fails(
     rendering: Rendering, tmp_path: Path
 ) -> None:
-    plan = CapturePlan(leds=PLAN.leds, exposures_us=(9e7,))
+    plan = CapturePlan(repeat=False, leds=PLAN.leds, exposures_us=(9e7,))
     assert "the plan requires 90002" in named(flown(rendering, plan, tmp_path), "board").text
 
 

@@ -19,7 +19,7 @@ from tests.acquisition.small_session import manifest
 TIME = "2026-03-04T05:06:07Z"
 CAMERA = CameraRecord(width=8, height=6, bit_depth=12)
 # Shots: D_100us, D_50us, L00_E0, L01_E0, L00_E1, L01_E1.
-PLAN = CapturePlan(leds=(0, 1), exposures_us=(100.0, 50.0))
+PLAN = CapturePlan(repeat=False, leds=(0, 1), exposures_us=(100.0, 50.0))
 BYTES = 2 * 8 * 6
 ECHO = {"seq": 1, "led": 0, "lit_us": 5, "active_us": None}
 KEYS_2 = {"mean_dn": 4.0, "above_dark": None}

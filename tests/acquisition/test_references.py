@@ -23,7 +23,9 @@ from tests.acquisition.test_judging_order import spoil
 
 CAMERA = CameraRecord(width=10, height=7, bit_depth=12, black_level_dn=64)
 # The lens is covered for dark frames; the room is never completely dark for the others.
-PLAN = CapturePlan(leds=(3, 0, 5), exposures_us=(200.0,), dark=True, ambient=True, retakes=1)
+PLAN = CapturePlan(
+    repeat=False, leds=(3, 0, 5), exposures_us=(200.0,), dark=True, ambient=True, retakes=1
+)
 CAPPED_FRAMES = 1
 ROOM = 2.0
 
@@ -92,7 +94,7 @@ def test_an_led_without_light_is_known_when_it_gives_light() -> None:
 
 def test_the_references_of_a_session() -> None:
     """Lines are those of the plan, whose exposures count; unlit frames may be later ones."""
-    plan = CapturePlan(leds=(1,), exposures_us=(500.0,))
+    plan = CapturePlan(repeat=False, leds=(1,), exposures_us=(500.0,))
     dark, lit = figures(64), figures(164)
     rows = [("light", 1, 0, lit), ("dark", None, 0, dark), ("dark", None, 5, lit)]
     frames = [

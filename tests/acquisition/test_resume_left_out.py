@@ -145,7 +145,7 @@ def two_lights(folder: Path) -> SessionWriter:
     """Start a session of two lights and write the first."""
     manifest = Manifest.begin(
         folder,
-        plan=CapturePlan(leds=(0, 1), exposures_us=(10.0,), dark=False),
+        plan=CapturePlan(repeat=False, leds=(0, 1), exposures_us=(10.0,), dark=False),
         camera=vars(CameraRecord(width=8, height=6, bit_depth=12)),
     )
     writer = SessionWriter.create(folder, manifest)

@@ -30,6 +30,7 @@ from acquisition import (
     Lights,
     Session,
     Setup,
+    read_source,
     verify_session,
 )
 from acquisition.session import (
@@ -54,6 +55,7 @@ FOLDERS = {
     2: Path(__file__).parent / "golden_session_2",
     3: Path(__file__).parent / "golden_session_3",
     4: Path(__file__).parent / "golden_session_4",
+    5: Path(__file__).parent / "golden_session_5",
 }
 NEWEST = FOLDERS[FORMAT_VERSION]
 EVERY = pytest.mark.parametrize("version", FOLDERS)
@@ -77,6 +79,21 @@ LIGHTS = Lights(
         (UsedSphere((4.5, 3.25), 2.5, (1.0, 2.0, 3.0), 5.0, "balls"),),
     ),
 )
+
+
+COMPARED = {
+    "file": "R_L03_E0.tif",
+    "light": "L03_E0_R1.tif",
+    "shift_px": [2.25, -1.5],
+    "shift_sigma_px": [0.02, 0.03],
+    "gain": 0.875,
+    "gain_sigma": 0.001,
+    "focus": None,
+    "focus_sigma": None,
+    "other_fraction": 0.0,
+    "other_box": None,
+    "same_object": True,
+}
 
 
 def samples_of(file: bytes) -> bytes:
@@ -182,6 +199,7 @@ def write(folder: Path) -> None:
     ):
         for number, shot in enumerate(writer.missing, 60):
             writer.write_frame(shot, pixels_of(number), report=CameraReport(frame_id=number))
+        writer.write_event("compared", **COMPARED)
         writer.complete()
 
 
@@ -258,7 +276,7 @@ def test_reading_the_golden_session_of_version_1() -> None:
     assert [line.event for line in session.events] == ["retake"]
     # The additions of version 2 have the default values.
     assert session.manifest.plan == CapturePlan(
-        leds=(3, 0), exposures_us=(100.0, 12.5), gain_db=1.5
+        leds=(3, 0), exposures_us=(100.0, 12.5), gain_db=1.5, repeat=False
     )
     assert session.manifest.mounting == Mounting()
     assert first.line.echo == Echo(seq=1, led=None, lit_us=None, active_us=None)
@@ -341,6 +359,26 @@ def test_reading_the_golden_session_of_version_4() -> None:
         assert lights_json(old, {}) == lights_json(bare, {})
 
 
+def test_reading_the_golden_session_of_version_5() -> None:
+    """Version 5 has the repeat of the first light, and its comparison."""
+    found = verify_session(FOLDERS[5])
+    assert (found.problems, found.complete) == ((), True)
+    codes = [one.code for one in found.warnings]
+    assert codes == ["frame-shifted", "light-changed"]
+    assert "moved by 2.70 +- 0.04 px (2.25 right, 1.50 up)" in found.warnings[0].text
+    session = Session.open(FOLDERS[5])
+    repeat = next(frame for frame in session.frames if frame.role == "repeat")
+    assert (repeat.path.name, repeat.led, repeat.bracket) == ("R_L03_E0.tif", 3, 0)
+    assert repeat.light_id == "R_L03_E0"
+    source = read_source(FOLDERS[5])
+    assert "repeat" not in {frame.role for frame in source.frames}
+    assert len(source.frames) == len(session.frames) - 1
+    for version in (1, 2, 3, 4):
+        plan = Session.open(FOLDERS[version]).manifest.plan
+        assert plan is not None
+        assert not plan.repeat
+
+
 @EVERY
 def test_the_golden_session_is_read_after_moving(version: int, tmp_path: Path) -> None:
     shutil.copytree(FOLDERS[version], tmp_path / "moved")
@@ -377,7 +415,7 @@ def test_a_session_of_an_unsupported_version_is_not_continued() -> None:
     old, *newer = (Session.open(folder) for folder in FOLDERS.values())
     for session in newer:
         session.manifest.check_current(session.folder)
-    with pytest.raises(DataError, match=r"has format version 1, this program writes 2, 3 and 4"):
+    with pytest.raises(DataError, match=r"has format version 1, this program writes 2, 3, 4 and 5"):
         old.manifest.check_current(old.folder)
 
 

@@ -201,7 +201,7 @@ def test_kill_at_random_moments(server: Server, tmp_path: Path) -> None:
     began = time.monotonic()
     acknowledged, status = server.record(whole)
     frame_s = (time.monotonic() - began) / len(acknowledged)
-    assert (len(acknowledged), status) == (7, 0)
+    assert (len(acknowledged), status) == (8, 0)
     assert verify_session(whole).complete
     rng = random.Random(7)
     killed = 0
@@ -228,10 +228,10 @@ def test_death_at_every_call_to_the_disk(server: Server, tmp_path: Path) -> None
             # Only a temporary file of the creation: the folder counts as empty.
             assert acknowledged == []
             acknowledged, _ = server.record(folder, SHORT)
-            assert len(acknowledged) == 3
+            assert len(acknowledged) == 4
         survived(folder, acknowledged)
-    # At least five calls for each of three frames, and the last process was not killed.
-    assert dies_at > 5 * 3
+    # At least five calls for each of four frames, and the last process was not killed.
+    assert dies_at > 5 * 4
 
 
 @pytest.mark.parametrize("limit", quick([600, 1000, 2048], every=3))

@@ -25,7 +25,7 @@ from simulator import open_rig_seeing, render, save_truth, scene_named
 from tests.quick_sample import quick
 
 LEDS = 3
-PLAN = CapturePlan(leds=(0, 1, 2), exposures_us=(9000.0,))
+PLAN = CapturePlan(repeat=False, leds=(0, 1, 2), exposures_us=(9000.0,))
 MOUNTINGS = [
     Mounting(rotation_deg=turn, mirror=mirror)
     for turn in (0, 90, 180, 270)

@@ -20,7 +20,7 @@ from acquisition.session import (
 from acquisition.session import session as _session
 from tests.acquisition.small_session import manifest
 
-PLAN = CapturePlan(leds=(0, 1), exposures_us=(100.0,))
+PLAN = CapturePlan(repeat=False, leds=(0, 1), exposures_us=(100.0,))
 
 
 @pytest.fixture
@@ -106,11 +106,11 @@ def broken_middle(folder: Path) -> None:
 
 INVALID_SESSIONS = {
     "newer-version": (
-        toml_with("format_version = 4", "format_version = 5"),
+        toml_with("format_version = 5", "format_version = 6"),
         "session.toml",
-        "format version 5 is unknown, this program reads 1, 2, 3 and 4",
+        "format version 6 is unknown, this program reads 1, 2, 3, 4 and 5",
     ),
-    "no-version": (toml_with("format_version = 4\n", ""), "session.toml", "version None"),
+    "no-version": (toml_with("format_version = 5\n", ""), "session.toml", "version None"),
     "unknown-key": (
         toml_with("[camera]", 'colour = "red"\n[camera]'),
         "session.toml",

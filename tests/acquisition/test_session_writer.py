@@ -34,7 +34,7 @@ from acquisition.session import (
 from rig.arrays import UInt16
 from tests.acquisition import small_session
 
-PLAN = CapturePlan(leds=(0, 1, 2), exposures_us=(100.0,))
+PLAN = CapturePlan(repeat=False, leds=(0, 1, 2), exposures_us=(100.0,))
 
 
 manifest = partial(small_session.manifest, (6, 8), 12, plan=PLAN)
@@ -117,7 +117,7 @@ def test_colour_frames(tmp_path: Path) -> None:
 
 
 def test_the_last_intact_retake_counts_and_no_file_is_overwritten(tmp_path: Path) -> None:
-    plan = CapturePlan(leds=(0,), exposures_us=(100.0,), repeats=2, dark=False)
+    plan = CapturePlan(repeat=False, leds=(0,), exposures_us=(100.0,), repeats=2, dark=False)
     with SessionWriter.create(tmp_path / "s", manifest(plan=plan)) as writer:
         first, second = writer.missing
         files = [

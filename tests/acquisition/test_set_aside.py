@@ -228,7 +228,7 @@ def test_frames_that_do_not_count_are_set_aside_and_not_retaken(
 def test_a_replaced_take_stays_replaced(tmp_path: Path) -> None:
     """Its replacement is damaged, but the first take stays replaced."""
     camera = {"width": 10, "height": 7, "bit_depth": 12}
-    plan = CapturePlan(leds=(0,), exposures_us=(100.0,), dark=False)
+    plan = CapturePlan(repeat=False, leds=(0,), exposures_us=(100.0,), dark=False)
     manifest = Manifest.begin(tmp_path, plan=plan, camera=camera)
     folder = tmp_path / "s"
     with SessionWriter.create(folder, manifest) as writer:

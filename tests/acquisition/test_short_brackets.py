@@ -20,7 +20,7 @@ def test_a_bracket_too_short_to_show_its_light_is_kept_and_reported(
     reported: list[str] = []
     session = record(
         rig,
-        CapturePlan(leds=leds, exposures_us=exposures_us),
+        CapturePlan(repeat=False, leds=leds, exposures_us=exposures_us),
         tmp_path / "s",
         LABELS,
         hooks=RecordingHooks(on_event=lambda event, details: reported.append(event)),
@@ -38,7 +38,7 @@ def test_a_bracket_too_short_to_show_its_light_is_kept_and_reported(
 def test_an_led_that_dies_between_brackets_is_detected(
     rig: Rig, bench: Bench, tmp_path: Path, leds: tuple[int, ...]
 ) -> None:
-    plan = CapturePlan(leds=leds, exposures_us=(200.0, 50.0))
+    plan = CapturePlan(repeat=False, leds=leds, exposures_us=(200.0, 50.0))
 
     def die(number: int) -> None:
         if number > 2 + len(leds):
@@ -54,5 +54,11 @@ def test_the_light_of_an_led_is_known_after_a_resume(
     rig: Rig, bench: Bench, tmp_path: Path
 ) -> None:
     bench.albedo = 0.02
-    cut(rig, bench, tmp_path / "s", 4, CapturePlan(leds=(0,), exposures_us=(200.0, 10.0)))
+    cut(
+        rig,
+        bench,
+        tmp_path / "s",
+        4,
+        CapturePlan(repeat=False, leds=(0,), exposures_us=(200.0, 10.0)),
+    )
     assert resume(rig, tmp_path / "s").complete

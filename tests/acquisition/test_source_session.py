@@ -30,7 +30,7 @@ SHAPE = (4, 6)
 K = np.array([[9.0, 0, 3], [0, 9, 2], [0, 0, 1]])
 # All six LEDs of the board; the plan uses two of them.
 LIGHTS = Lights(positions_mm=np.array([[10.0 * i, 0, 100] for i in range(6)]))
-PLAN = CapturePlan(leds=(4, 1), exposures_us=(1000.0, 4000.0), dark=True)
+PLAN = CapturePlan(repeat=False, leds=(4, 1), exposures_us=(1000.0, 4000.0), dark=True)
 
 
 def pixel_value(number: int) -> np.ndarray:

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from acquisition import DataError, Lights
+from acquisition import DataError, LightErrors, Lights
 from acquisition.values import led_id, light_id
 from tests.cases import cases
 
@@ -78,6 +78,37 @@ def test_at_the_origin_near_and_distant_agree(position, mu):
     np.testing.assert_allclose(
         near.vectors_at(origin), near.distant().vectors_at(origin), atol=1e-12
     )
+
+
+def test_lights_at_a_distance_are_as_bright_at_the_point_they_refer_to():
+    errors = LightErrors(
+        covariances=np.tile(np.diag([1e-4, 4e-4]), (2, 1, 1)), intensity_std=np.array([0.1, 0.2])
+    )
+    distant = Lights(directions=[[0, 0, 1], [3, 0, 4]], intensities=[2, 5], errors=errors)
+    point = np.array([40.0, -20.0, 5.0])
+    near = distant.at_distance(500, point)
+    np.testing.assert_allclose(near.positions_mm, np.add(point, [[0, 0, 500], [300, 0, 400]]))
+    seen = near.vectors_at(point) * near.intensities[:, :1]
+    np.testing.assert_allclose(seen, distant.unit_directions * [[2], [5]])
+    # 0.01 and 0.02 radians are 5 and 10 mm across the direction.
+    for covariance, direction in zip(near.errors.covariances, distant.unit_directions, strict=True):
+        np.testing.assert_allclose(np.linalg.eigvalsh(covariance), [0, 25, 100], atol=1e-9)
+        np.testing.assert_allclose(covariance @ direction, 0, atol=1e-9)
+    relative = near.errors.intensity_std / near.intensities
+    np.testing.assert_allclose(relative[:, 0], [0.05, 0.04])
+
+
+@cases(
+    ("lights", "distance"),
+    {
+        "no distance": (Lights(directions=[[0, 0, 1]]), 0.0),
+        "not a number": (Lights(directions=[[0, 0, 1]]), float("nan")),
+        "positions": (Lights(positions_mm=[[0, 0, 100]]), 400.0),
+    },
+)
+def test_a_distance_that_is_no_use_is_refused(lights, distance):
+    with pytest.raises(DataError, match="distance"):
+        lights.at_distance(distance)
 
 
 def test_take_keeps_every_field_in_order():

@@ -315,7 +315,7 @@ def test_images_that_another_watcher_recorded_meanwhile_are_not_recorded_again(
 
 
 def test_a_plan_gives_the_shots_and_is_kept(folder: Path, out: Path) -> None:
-    plan = CapturePlan(leds=(3, 1), exposures_us=(1000.0, 4000.0), dark=True)
+    plan = CapturePlan(repeat=False, leds=(3, 1), exposures_us=(1000.0, 4000.0), dark=True)
     shots = plan.shots()
     shoot_all(folder, range(len(shots)))
     result: WatchResult = watch_folder(

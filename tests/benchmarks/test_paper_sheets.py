@@ -51,7 +51,7 @@ def test_tiles_repeat_and_sheets_do_not(monkeypatch):
 @pytest.mark.usefixtures("small")
 def test_all_tables_are_written(tmp_path, capsys):
     assert main(["--table", "synthesis", "--out", str(tmp_path / "sheets"), "--quick"]) == 0
-    assert "note: SGP_DATA is not set" in capsys.readouterr().err
+    assert "warning: SGP_DATA is not set" in capsys.readouterr().err
     assert read_record(tmp_path / "sheets" / "bench.json").metrics == {"tables": 5}
     tables = json.loads((tmp_path / "sheets" / "tables.json").read_text(encoding="utf-8"))
     text = (tmp_path / "sheets" / "tables.md").read_text(encoding="utf-8")

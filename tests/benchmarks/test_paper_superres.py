@@ -130,7 +130,7 @@ def test_networks_of_a_folder_are_those_of_the_scale(tmp_path) -> None:
 def test_all_tables_are_written(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.delenv("SGP_DATA", raising=False)
     assert main(["--table", "superres", "--out", str(tmp_path / "b"), "--quick"]) == 0
-    assert "note: SGP_DATA is not set" in capsys.readouterr().err
+    assert "warning: SGP_DATA is not set" in capsys.readouterr().err
     written = json.loads((tmp_path / "b" / "tables.json").read_text(encoding="utf-8"))
     assert set(written) == {"errors_x4", "deviations_x4", "cost"}
     for name in smooth():

@@ -199,7 +199,7 @@ def test_without_data_the_tables_are_simulated_and_say_so(tmp_path, monkeypatch,
     monkeypatch.delenv("SGP_DATA", raising=False)
     assert command.main(["--out", str(tmp_path / "tables"), "--quick"]) == 0
     said = capsys.readouterr().err
-    assert "note: SGP_DATA is not set" in said
+    assert "warning: SGP_DATA is not set" in said
     assert "note: --quick" in said
     assert "cloth (simulated)" in said
     made = json.loads((tmp_path / "tables" / "tables.json").read_text(encoding="utf-8"))

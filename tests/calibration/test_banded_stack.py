@@ -51,7 +51,7 @@ def session(folder, *, plan, cfa=None, mounting=None):
         started_utc=datetime(2026, 1, 2, tzinfo=UTC),
         operator="Ada",
         object="coin",
-        plan=CapturePlan(**plan),
+        plan=CapturePlan(repeat=False, **plan),
         rig=rig,
         camera=CameraRecord(width=WIDTH, height=HEIGHT, bit_depth=12, cfa=cfa, black_level_dn=100),
         sensor=SENSOR,
@@ -309,7 +309,7 @@ def test_dark_frames_that_are_brighter_than_the_images_are_named(tmp_path, read,
         started_utc=datetime(2026, 1, 2, tzinfo=UTC),
         operator="Ada",
         object="coin",
-        plan=CapturePlan(**ONE),
+        plan=CapturePlan(repeat=False, **ONE),
         camera=CameraRecord(width=WIDTH, height=HEIGHT, bit_depth=12, black_level_dn=100),
     )
     with SessionWriter.create(tmp_path / "s", content) as writer:

@@ -306,7 +306,7 @@ def test_impossible_heights_are_refused(options, text):
 def test_large_images_are_averaged(monkeypatch):
     depth, _, values = seen("tilted", 25.0)
     values[3, 20:24, 30:35] = np.nan
-    monkeypatch.setattr("processing.near.mean_height_search._PIXELS", 200)
+    monkeypatch.setattr("processing.images.coarse_images._PIXELS", 200)
     found = near_height(values, LIGHTS, DISC, VIEW)
     assert found.mean_height_mm == pytest.approx(25.0, abs=0.3)
     inner = (X - 39.5) ** 2 + (Y - 29.5) ** 2 < 22**2

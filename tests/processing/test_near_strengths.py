@@ -11,7 +11,7 @@ from rig import RigConfig
 from simulator import open_rig_seeing, render, save_truth, scene_named
 
 LEDS = 20
-PLAN = CapturePlan(leds=tuple(range(LEDS)), exposures_us=(9000.0,))
+PLAN = CapturePlan(repeat=False, leds=tuple(range(LEDS)), exposures_us=(9000.0,))
 
 
 @pytest.mark.slow

@@ -26,7 +26,7 @@ from simulator import open_rig_seeing, render, save_truth, scene_named
 from tests.cases import cases
 
 LEDS = 8
-PLAN = CapturePlan(leds=tuple(range(LEDS)), exposures_us=(9000.0,))
+PLAN = CapturePlan(repeat=False, leds=tuple(range(LEDS)), exposures_us=(9000.0,))
 
 
 @pytest.fixture(scope="module")
@@ -185,6 +185,31 @@ def test_a_computed_mask_that_fills_the_frame_is_reported(tmp_path, rows, column
     codes = [notice.code for notice in reconstruct(source, surface=False).warnings]
     assert ("mask-fills-frame" in codes) == reported
     assert "mask-estimated" in codes
+
+
+@cases(
+    ("background", "severity"),
+    {"a dark background": (300, "info"), "a gray one": (6000, "warning")},
+)
+def test_a_computed_mask_is_information_if_the_object_stands_out(tmp_path, background, severity):
+    lights = Lights([[1, 0, 2], [0, 1, 2], [-1, 0, 2], [0, -1, 2]])
+    for number in range(4):
+        image = np.full((60, 60), background, np.uint16)
+        image[15:45, 15:45] = 30_000 + 10 * number
+        write_png(tmp_path / f"image.{number}.png", image)
+    source = read_source(tmp_path, lights=lights)
+    found = {one.code: one.severity for one in reconstruct(source, surface=False).warnings}
+    assert found["mask-estimated"] == severity
+
+
+@cases(("black", "severity"), {"few pixels": (9, "info"), "many": (10, "warning")})
+def test_a_few_pixels_without_a_normal_are_information(black, severity):
+    lights = Lights([[1, 0, 2], [0, 1, 2], [-1, 0, 2], [0, -1, 2]])
+    stack = np.full((4, 30, 30), 0.5, np.float32)
+    stack.reshape(4, -1)[:, :black] = 0
+    mask = np.ones((30, 30), np.bool_)
+    (notice,) = photometric_stereo(stack, lights, mask).warnings
+    assert (notice.code, notice.severity) == ("pixels-without-normal", severity)
 
 
 def test_one_method_is_the_default_everywhere():

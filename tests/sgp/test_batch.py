@@ -5,8 +5,10 @@ from __future__ import annotations
 import csv
 import io
 import os
+import re
 import sys
 from dataclasses import replace
+from math import nan
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,7 @@ import acquisition
 import rig
 from acquisition import DataError, StorageError, import_frames, read_source
 from acquisition.session import compact_session
+from processing.checks import Cause, Verdict
 from sgp.batch import (
     BatchProgress,
     Outcome,
@@ -274,6 +277,32 @@ def test_tables_escape_what_names_and_errors_contain(task, states, tmp_path) -> 
     assert [row["status"] for row in rows] == ["done", "failed"]
     assert rows[0]["pixels"] == "12"
     assert rows[1]["name"] == hostile
+
+
+def test_tables_have_the_verdict_and_the_worst_result_first(task, states, tmp_path) -> None:
+    done = states.write(task, perform(task))
+    assert done.verdict == ""
+    words = {"a": "good", "b": "", "c": "do-not-use", "d": "check", "e": "<b>"}
+    found = {name: done.model_copy(update={"verdict": word}) for name, word in words.items()}
+    found["f"] = done.model_copy(update={"error": "no lights"})
+    page = html_table(tmp_path / "out", found)
+    assert re.findall("<td></td><td>(.)</td>", page) == ["f", "c", "d", "a", "b", "e"]
+    assert '<td class="do-not-use">do not use</td>' in page
+    rows = csv.DictReader(csv_table(found).splitlines())
+    assert {row["name"]: row["verdict"] for row in rows} == {**words, "f": ""}
+
+
+def test_a_strict_result_that_must_not_be_used_fails_with_its_verdict(task) -> None:
+    cause = Cause("x", "lights are wrong", nan, "", nan, 40.0, nan, "")
+
+    def judged(source: Path, *, out: Path, force: bool = False) -> Result:
+        result = Result(summary=["36 images"], verdict=Verdict((cause,), 1.0, 0.3, 0.01))
+        result.refuse_unusable()
+        return result
+
+    outcome = perform(replace(task, stages=(replace(task.stages[0], command=judged),)))
+    assert (outcome.exit_code, outcome.verdict) == (6, "do-not-use")
+    assert outcome.error == "do not use: lights are wrong (normals change by 40 deg)"
 
 
 @pytest.mark.parametrize("begin", ["=", "+", "-", "@", "\t", "\n", "\uff1d"])

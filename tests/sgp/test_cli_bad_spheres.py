@@ -114,7 +114,7 @@ def test_a_marked_ball_without_highlights_is_refused(sgp, tmp_path, draw, says):
 def test_saturated_highlights_are_reported_and_located(sgp, tmp_path):
     source = recording(tmp_path / "s", saturated)
     answer = sgp("calibrate", "spheres", source, "--out", tmp_path / "l.json").ok()
-    (line,) = [one for one in answer.err.splitlines() if one.startswith("note: ")]
+    (line,) = [one for one in answer.err.splitlines() if one.startswith("warning: ")]
     assert "100 % of the highlights are saturated" in line
     assert "add a short exposure" in line
     found = read_lights(tmp_path / "l.json").unit_directions

@@ -23,7 +23,7 @@ def test_a_session_is_checked_recorded_verified_and_described(sgp, rig, plan, tm
     words = ("--rig", rig, "--plan", plan(5000.0), "--object-name", "coin", "--operator", "Ada")
     more = ("--place", "hall 3", "--rights", "CC0", "--notes", "rim scratched")
     capture(sgp, out, *words, *more, check=True).ok()
-    assert events(out) == ["checked", "camera_settings"]
+    assert events(out) == ["checked", "camera_settings", "compared"]
     assert sgp("capture", "verify", out).code == 0
     info = sgp("capture", "info", out, "--frames")
     for text in ("coin, by Ada", "hall 3", "CC0", "rim scratched", "L05_E0.tif", "1 x checked"):
@@ -89,7 +89,7 @@ def test_a_dead_led_passes_the_wiring_check_and_is_left_out_by_metering(
     answer = capture(sgp, tmp_path / "s", *words, check=True)
     session = Session.open(tmp_path / "s")
     events = [line.event for line in session.events]
-    assert events == ["metered", "left_out", "checked", "camera_settings"]
+    assert events == ["metered", "left_out", "checked", "camera_settings", "compared"]
     checks = session.events[2].details["checks"]
     assert [check["state"] for check in checks if check["name"] == "LEDs"] == ["warning"]
     assert session.complete, answer.err
@@ -110,8 +110,8 @@ def test_a_dry_run_records_nothing_and_lights_nothing(sgp, rig, plan, tmp_path):
     metrics = capture(
         sgp, tmp_path / "s", "--rig", rig, "--plan", plan(5000.0), "--dry-run", "--json"
     ).figures()
-    assert (metrics["shots"], metrics["recorded"]) == (7, False)
-    assert metrics["bytes"] == 7 * 64 * 52 * 2
+    assert (metrics["shots"], metrics["recorded"]) == (8, False)
+    assert metrics["bytes"] == 8 * 64 * 52 * 2
     assert not (tmp_path / "s").exists()
 
 
@@ -163,11 +163,11 @@ def test_a_contact_sheet_shows_every_frame(sgp, recorded, tmp_path):
     assert json.loads(answer.out)["outputs"]["sheet"] == str(sheet)
     picture = read_image(sheet)
     assert picture.dtype == np.uint8
-    # Seven frames in rows of six, 200 px wide with the aspect ratio 52 / 64, two lines of text,
+    # Eight frames in rows of six, 200 px wide with the aspect ratio 52 / 64, two lines of text,
     # and the legend.
     assert picture.shape == (2 * (162 + 40 + 4) + 26, 6 * 204, 3)
     # The first is lit, the last is dark; clipped pixels would be red, but no pixel is clipped.
-    assert picture[206:368, :200].mean() < 30 < picture[:162, :200].mean()
+    assert picture[206:368, 204:404].mean() < 30 < picture[:162, :200].mean()
     assert (picture[:162, 204:404, 0] == picture[:162, 204:404, 1]).all()
     assert (picture[-13, 8] == (255, 60, 60)).all(), "the legend shows the colour of clipping"
     assert sgp("capture", "info", recorded, "--sheet", sheet).code == 2

@@ -42,19 +42,19 @@ def plan(tmp_path: Path):
 def test_a_plan_is_shown_without_hardware(sgp, plan):
     metrics = sgp("capture", "plan", plan(), "--size", "100x50", "--json").figures()
     assert metrics["shots"][:2] == ["D_20000us.tif", "D_1000us.tif"]
-    assert metrics["shots"][-1] == "L07_E1.tif"
-    assert metrics["counts"] == {"light": 10, "dark": 2, "ambient": 0, "flat": 0}
-    assert metrics["bytes"] == 12 * 100 * 50 * 2
-    assert metrics["exposure_seconds"] == pytest.approx(6 * 0.021)
+    assert metrics["shots"][-2:] == ["L07_E1.tif", "R_L00_E0.tif"]
+    assert metrics["counts"] == {"light": 10, "dark": 2, "ambient": 0, "repeat": 1, "flat": 0}
+    assert metrics["bytes"] == 13 * 100 * 50 * 2
+    assert metrics["exposure_seconds"] == pytest.approx(6 * 0.021 + 0.02)
     # 70 ms for each frame, and 2 ms for settling of the light.
-    assert metrics["seconds"] == pytest.approx(6 * 0.021 + 12 * 0.072)
+    assert metrics["seconds"] == pytest.approx(6 * 0.021 + 0.02 + 13 * 0.072)
 
 
 def test_time_and_dead_leds_are_those_of_the_rig_file(sgp, plan, rig):
     answer = sgp("capture", "plan", plan(), "--rig", rig, "--frame-ms", 10).ok()
     assert "LEDs 7 skipped: listed in dead_leds" in answer.err
     assert "L07" not in answer.out
-    assert "10 shots: 8 light, 2 dark" in answer.out
+    assert "11 shots: 8 light, 2 dark, 1 repeat" in answer.out
     assert "15 ms per frame" in answer.out
     shown = json.loads(sgp("capture", "plan", plan(), "--rig", rig, "--json").out)
     assert shown["metrics"]["left_out"] == [7]
@@ -62,8 +62,8 @@ def test_time_and_dead_leds_are_those_of_the_rig_file(sgp, plan, rig):
 
 
 def test_the_default_plan_lights_every_working_led(sgp, rig):
-    assert "37 shots: 36 light, 1 dark" in sgp("capture", "plan").out
-    assert "8 shots: 7 light, 1 dark" in sgp("capture", "plan", "--rig", rig).out
+    assert "38 shots: 36 light, 1 dark, 1 repeat" in sgp("capture", "plan").out
+    assert "9 shots: 7 light, 1 dark, 1 repeat" in sgp("capture", "plan", "--rig", rig).out
 
 
 def shots(answer):
@@ -73,17 +73,17 @@ def shots(answer):
 
 def test_ranges_of_leds(sgp, plan):
     ranges = sgp("capture", "plan", plan("leds = '0-2, 8-7'\nexposures_us = [5]\n"), "--json")
-    listed = ["D_5us.tif", *(f"L0{led}_E0.tif" for led in (0, 1, 2, 8, 7))]
+    listed = ["D_5us.tif", *(f"L0{led}_E0.tif" for led in (0, 1, 2, 8, 7)), "R_L00_E0.tif"]
     assert shots(ranges) == listed
     listed[0] = "D_20000us.tif"
     assert shots(sgp("capture", "plan", "--leds", "0-2,8-7", "--json")) == listed
 
 
 def test_the_rig_of_a_plan_may_be_a_name_or_the_configured_one(sgp, rig, monkeypatch):
-    assert len(shots(sgp("capture", "plan", "--rig", "simulated", "--json"))) == 37
+    assert len(shots(sgp("capture", "plan", "--rig", "simulated", "--json"))) == 38
     monkeypatch.setenv("SGP_RIG", str(rig))
-    assert len(shots(sgp("capture", "plan", "--json"))) == 8
-    assert len(shots(sgp("capture", "plan", "--led-count", 12, "--json"))) == 13
+    assert len(shots(sgp("capture", "plan", "--json"))) == 9
+    assert len(shots(sgp("capture", "plan", "--led-count", 12, "--json"))) == 14
 
 
 def test_earlier_spellings_still_work(sgp):
@@ -91,7 +91,7 @@ def test_earlier_spellings_still_work(sgp):
         json.loads(sgp("capture", "plan", *words, "--json").out)["metrics"]["bytes"]
         for words in (("--size", "100x50"), ("--width", 100, "--height", 50))
     ]
-    assert sizes == [37 * 100 * 50 * 2] * 2
+    assert sizes == [38 * 100 * 50 * 2] * 2
 
 
 @pytest.mark.parametrize(

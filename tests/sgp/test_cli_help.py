@@ -136,4 +136,5 @@ def test_notes_come_before_the_summary(sgp, recording, monkeypatch):
     output = sgp("normals", recording, "--lights", lights, "--out", recording.parent / "o").out
     lines = output.splitlines()
     assert any(line.startswith("note: ") for line in lines[:-1])
-    assert "pixels solved" in lines[-1]
+    assert "pixels solved" in lines[-2]
+    assert lines[-1].startswith("good: ")

@@ -53,7 +53,7 @@ def test_a_correct_recording(sgp: Callable, folder: Path) -> None:
     answer = sgp("inspect", folder, "--lights", folder.parent / "lights.json").ok()
     lines = answer.out.splitlines()
     assert lines[0].startswith("10 images, distant lights, ")
-    assert lines[-1] == "no disagreement found"
+    assert lines[-1] == "good: nothing was found that changes the normals by more than 1 deg"
     for start in ("residual ", "lights differ ", "brightness ", "curl "):
         assert sum(line.startswith(start) for line in lines) == 1
     assert max(map(len, lines)) <= 78
@@ -64,7 +64,7 @@ def test_too_little_data_is_not_called_agreement(sgp: Callable, folder: Path) ->
     # Fewer than 8 images, and too few pixels for the curl.
     part = ("--exclude", "0-3", "--downscale", "4")
     answer = sgp("inspect", folder, "--lights", folder.parent / "lights.json", *part).ok()
-    assert answer.out.splitlines()[-1].startswith("too little data: ")
+    assert answer.out.splitlines()[-1].startswith("good: but too little data: ")
 
 
 def test_shuffled_lights_are_named_and_the_exit_code_stays(sgp: Callable, folder: Path) -> None:
@@ -75,7 +75,28 @@ def test_shuffled_lights_are_named_and_the_exit_code_stays(sgp: Callable, folder
     assert printed["metrics"]["residual_relative"] > 0.1
     shown = sgp("inspect", folder, "--lights", folder.parent / "shuffled.json")
     assert "in another order than the images" in shown.err
-    assert shown.out.splitlines()[-1] == "images, lights and normals do not agree"
+    last = shown.out.splitlines()[-1]
+    assert last.startswith("do not use: the images fit each other to ")
+    assert "(normals change by " in last
+
+
+def test_strict_fails_on_a_result_that_must_not_be_used(sgp: Callable, folder: Path) -> None:
+    right, wrong = (folder.parent / f"{name}.json" for name in ("lights", "shuffled"))
+    assert sgp("inspect", folder, "--lights", right, "--strict").code == 0
+    assert sgp("inspect", folder, "--lights", wrong, "--strict").code == 6
+    out = folder.parent / "out"
+    answer = sgp("normals", folder, "--lights", wrong, "--out", out, "--strict", "--json")
+    assert answer.code == 6
+    printed, record = json.loads(answer.out), read_record(out / "normals.json")
+    assert not printed["ok"]
+    assert printed["verdict"] == record.verdict == "do-not-use"
+    (cause,) = printed["causes"]
+    assert [cause] == [one.model_dump(mode="json") for one in record.causes]
+    assert cause["name"] == "lights-shuffled"
+    assert cause["normals_deg"] > 15
+    assert cause["height_mm"] is None
+    assert cause["remedy"] == "check the order of images and lights"
+    assert (out / "normals.exr").exists()
 
 
 @pytest.mark.parametrize("command", ["normals", pytest.param("run", marks=pytest.mark.slow)])

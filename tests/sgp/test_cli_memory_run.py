@@ -14,6 +14,7 @@ from processing.recording import pipeline as memory
 from processing.stages import Need
 from processing.surface import SurfaceStage
 from processing.surface.blocks import surface_stage
+from sgp import read_record
 from sgp.stages import memory_limit as _memory_limit
 from sgp.stages import run_stages as _run_stages
 from tests.sgp.in_bands import CTRL_C, check_equal, interrupted
@@ -69,7 +70,10 @@ def test_what_is_complete_is_not_done_again(sgp, given, tmp_path, monkeypatch) -
             assert sgp(*command).code == 130
     line = sgp(*command, "--stl").error_line(2)
     assert "differs in stl: repeat that command" in line
-    assert sgp(*command).code == 0
+    answer = sgp(*command).ok()
+    judged = [read_record(folder / "summary.json").judged for folder in (out, tmp_path / "whole")]
+    assert judged[0] == judged[1] is not None
+    assert answer.out.splitlines()[-1].startswith("good: ")
     assert written == ["write_normals_stage", "write_separation", "integrated"]
     check_close(out, tmp_path / "whole")
     assert (out / "summary.json").is_file()

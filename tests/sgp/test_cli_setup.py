@@ -87,7 +87,8 @@ def test_lights_that_contradict_the_configured_rig_file_are_named(
 ):
     monkeypatch.setenv("SGP_RIG", str(rig_file(tmp_path / "rig.toml", spheres, (2, 5))))
     words = ("calibrate", "spheres", spheres, "--radius-mm", 20, "--out", tmp_path / "l.json")
-    assert "note: rig simulated: LED 2 and 5 are swapped" in " ".join(sgp(*words).ok().err.split())
+    said = " ".join(sgp(*words).ok().err.split())
+    assert "warning: rig simulated: LED 2 and 5 are swapped" in said
 
 
 def test_which_rig_file_counts(spheres, lights, tmp_path, monkeypatch):

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import json
 import re
 import shutil
 import sys
 from collections.abc import Callable
+from contextlib import chdir, redirect_stderr, redirect_stdout
 from pathlib import Path
 from types import ModuleType
 
@@ -15,6 +17,7 @@ import pytest
 
 from acquisition import read_image
 from processing.superres import higher_resolution
+from sgp.app import build, run
 
 ROOT = Path(__file__).parents[2]
 COIN, PAINTED, BOTH = (
@@ -87,17 +90,25 @@ def revisions() -> ModuleType:
     return compare_revisions
 
 
+def run_here(words: str, folder: Path) -> tuple[int, str, str]:
+    """Run a command in a folder; return exit code, stdout and stderr."""
+    out, errors, tokens = io.StringIO(), io.StringIO(), words.split()
+    with chdir(folder), redirect_stdout(out), redirect_stderr(errors):
+        code = run(build(tokens), tokens)
+    return code, out.getvalue(), errors.getvalue()
+
+
 @pytest.fixture(scope="module")
 def top(revisions: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder of recordings and normal maps."""
     folder: Path = tmp_path_factory.mktemp("memory") / "top"
-    revisions.make_inputs(ROOT, folder)
+    revisions.make_inputs(folder, run_here)
     for words in (
         "normals coin-images --out n",
         "normals cloth-images --out cloth-normals",
         "normals coin-lp --crop 90,60,110,90 --out part",
     ):
-        code, _, errors = revisions.run_command(ROOT, words, folder)
+        code, _, errors = run_here(words, folder)
         assert code == 0, errors
     (folder / "cloth").rename(folder / "cloth-recording")
     (folder / "cloth-normals").rename(folder / "cloth")

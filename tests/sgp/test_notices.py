@@ -15,60 +15,98 @@ from rig import Notice
 
 ROOT = Path(__file__).parents[2]
 ROOMS = ("rig", "acquisition", "calibration", "processing", "simulator", "sgp")
-_ROW = re.compile(r"^\| `([^`]+)` \| (.+) \| (.+) \|$", re.MULTILINE)
+_NOTICED = re.compile(r"Notice\(|Cause\(|Kind\(|Arrangement\(")
+# Codes of other notices or causes, which have their own place.
+_COPIED = ("cause.name", "notice.code", "better.name", "hypothesis.name")
+# Modules whose notices become causes, whose severity depends on what they do.
+_JUDGED = ("curve_check.py", "quality.py", "scheme_check.py")
+_SEVERITIES = ("info", "warning", "error")
+_ROW = re.compile(r"^\| `([^`]+)` \| ([a-z, ]+) \| (.+) \| (.+) \|$", re.MULTILINE)
+Used = tuple[str, frozenset[str]]
 
 
-def _codes(tree: ast.Module) -> Iterator[str]:
-    """Yield the codes of the notices of a module: literals, or the values of its `_CODES`."""
+def _used_in(tree: ast.Module) -> Iterator[Used]:
+    """Yield the codes of the notices of a module, and their severities.
+
+    Codes are literals, or the values of its `_CODES`. The names of causes are codes, too: how
+    severe a cause is depends on what it does.
+    """
     table: list[str] = []
-    indirect = False
+    indirect: frozenset[str] = frozenset()
     for node in ast.walk(tree):
         if isinstance(node, ast.Call):
             called = node.func
             name = called.attr if isinstance(called, ast.Attribute) else getattr(called, "id", "")
-            if name != "Notice":
+            if name not in ("Notice", "Cause", "Arrangement"):
                 continue
-            given = next((word.value for word in node.keywords if word.arg == "code"), None)
+            words = {word.arg: word.value for word in node.keywords}
+            given = words.get("code", words.get("name"))
             if given is None and not node.args:  # `Notice(**stored)`: read back from a file
                 continue
             code = given if given is not None else node.args[0]
+            severities = frozenset(("info", "warning"))
+            if name == "Notice":
+                stated = words.get("severity", node.args[3] if len(node.args) > 3 else None)
+                severities = _severities(stated, tree)
             if isinstance(code, ast.Constant):
-                yield code.value
-            else:
+                yield code.value, severities
+            elif ast.unparse(code) not in _COPIED:
                 assert ast.unparse(code).startswith("_CODES["), ast.unparse(node)
-                indirect = True
+                indirect |= severities
         elif (
             isinstance(node, ast.AnnAssign)
             and isinstance(node.value, ast.Dict)
             and ast.unparse(node.target) == "_CODES"
         ):
             table = [ast.literal_eval(value) for value in node.value.values]
+        elif isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "KINDS":
+            kinds = node.value
+            assert isinstance(kinds, ast.Dict)
+            for kind in filter(None, kinds.keys):
+                yield ast.literal_eval(kind), frozenset(("info", "warning"))
     if indirect:
         assert table
-        yield from table
+        yield from ((code, indirect) for code in table)
+
+
+def _severities(stated: ast.expr | None, tree: ast.Module) -> frozenset[str]:
+    """Return what an argument may be; what a name stands for is somewhere in its module."""
+    if stated is None:
+        return frozenset(("warning",))
+    where = tree if isinstance(stated, ast.Name) else stated
+    found = {node.value for node in ast.walk(where) if isinstance(node, ast.Constant)}
+    return frozenset(found & {*_SEVERITIES}) or frozenset(("info", "warning"))
 
 
 @cache
 def _used() -> dict[str, set[str]]:
-    """Return the modules that use each code."""
+    """Return the severities of each code."""
     used: dict[str, set[str]] = {}
     for room in ROOMS:
         for path in (ROOT / room).rglob("*.py"):
             text = path.read_text(encoding="utf-8")
-            for code in _codes(ast.parse(text)) if "Notice(" in text else ():
-                used.setdefault(code, set()).add(str(path.relative_to(ROOT)))
+            if not _NOTICED.search(text):
+                continue
+            for code, severities in _used_in(ast.parse(text)):
+                used.setdefault(code, set()).update(severities)
+                if path.name in _JUDGED:
+                    used[code] |= {"info", "warning"}
     return used
 
 
-def _documented() -> list[str]:
+def _documented() -> list[tuple[str, str]]:
     text = (ROOT / "docs/notices.md").read_text(encoding="utf-8")
-    return [row[0] for row in _ROW.findall(text)]
+    return [(row[0], row[1]) for row in _ROW.findall(text)]
 
 
-def test_the_table_lists_the_codes_that_are_used() -> None:
+def test_the_table_lists_the_codes_that_are_used_with_their_severities() -> None:
     documented = _documented()
-    assert len(documented) == len(set(documented))
-    assert set(documented) == set(_used())
+    assert len(documented) == len({code for code, _ in documented})
+    used = {
+        code: ", ".join(one for one in _SEVERITIES if one in severities)
+        for code, severities in _used().items()
+    }
+    assert dict(documented) == used
 
 
 def test_codes_have_the_form_of_one() -> None:

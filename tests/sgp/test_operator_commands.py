@@ -11,7 +11,7 @@ import pytest
 from acquisition import Session
 from acquisition.preflights import Check, Preflight
 from rig import RigError
-from sgp.sessions import Preparation, ResumeCommand, accept
+from sgp.sessions import Acceptance, Preparation, ResumeCommand, take_findings
 from tests.sgp.small_rig import RIG, interrupted
 
 
@@ -94,7 +94,7 @@ FOUND = (
 
 def test_several_findings_are_a_list(capsys):
     with pytest.raises(RigError, match="failed: see the 3 findings above") as failed:
-        accept(Preflight(FOUND), Preparation())
+        take_findings(Preflight(FOUND), Preparation(), Acceptance())
     assert failed.value.findings[2] == "LEDs: LED 4: clean it"
     assert capsys.readouterr().err.splitlines() == [
         "- disk: 1 MB free, 3 MB required: free space",
@@ -105,7 +105,7 @@ def test_several_findings_are_a_list(capsys):
 
 def test_one_finding_is_the_error_itself(capsys):
     with pytest.raises(RigError, match="failed: disk: 1 MB free, 3 MB required: free space"):
-        accept(Preflight(FOUND[:2]), Preparation())
+        take_findings(Preflight(FOUND[:2]), Preparation(), Acceptance())
     assert capsys.readouterr().err == ""
 
 

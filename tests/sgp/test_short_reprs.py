@@ -36,7 +36,7 @@ CAMERA = acquisition.CameraModel(
 NOISE = acquisition.NoiseModel(2.0, 5.0, 60.0, 12)
 NOTICE = Notice("mask", "text")
 FRAME = rig.CameraFrame(np.zeros((4, 5), np.uint16), 7, 123, 1000.0, 0.0, None)
-PLAN = acquisition.CapturePlan(leds=tuple(range(36)), exposures_us=(1000.0, 50.0))
+PLAN = acquisition.CapturePlan(repeat=False, leds=tuple(range(36)), exposures_us=(1000.0, 50.0))
 SOURCE = acquisition.Source(
     Path("/in"), "images", (acquisition.Frame(Path("/in/a.png"), "a", (4, 5)),), LIGHTS, MASK
 )
@@ -107,7 +107,8 @@ EXAMPLES: list[tuple[object, str]] = [
     (HEIGHT, "HeightMap(float32[4, 5] in mm, pixel size 0.5 mm)"),
     (processing.meshes.Mesh(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]], np.int32)),
      "Mesh(vertices=float32[3, 3], faces=int32[1, 3], unit='px')"),
-    (processing.Reconstruction(SOURCE, LIGHTS, MASK, MASK, {}, "sensor", 0.0, QUALITY, (), None,
+    (processing.Reconstruction(SOURCE, LIGHTS, MASK, MASK, {}, "sensor", 0.0, QUALITY,
+                               processing.checks.Verdict((), 0.3, 0.02, 0.02), (), None,
                                ERROR, (), None, (), None, HEIGHT),
      f"Reconstruction(/in, {NORMALS!r}, height in mm, mean error 8.39 deg)"),
     (simulator.scene_named("coin"), "Scene(Coin, 36 lights, 0 spheres, 640 x 512 px)"),

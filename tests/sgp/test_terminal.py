@@ -52,7 +52,7 @@ def session(tmp_path):
     folder = tmp_path / "session"
     manifest = Manifest.begin(
         folder,
-        plan=CapturePlan(leds=(0,), exposures_us=(5000.0,), dark=False),
+        plan=CapturePlan(repeat=False, leds=(0,), exposures_us=(5000.0,), dark=False),
         camera={"width": 4, "height": 3, "bit_depth": 12, "model": EVIL},
         labels=Labels(operator=EVIL, object_name=f"vase {EVIL}", notes=EVIL),
     )

@@ -1,0 +1,1 @@
+"""What all images of a series share, fitted with normals and albedo."""
