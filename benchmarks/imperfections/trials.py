@@ -14,7 +14,6 @@ from benchmarks.imperfections.recordings import NAN, Recording
 from benchmarks.imperfections.remedies import Remedy
 from calibration import EstimateError
 from processing import Reconstruction, reconstruct
-from processing.checks import Cause, Verdict
 from rig.arrays import Bool, Float32
 
 
@@ -96,7 +95,7 @@ class Trial:
             return Outcome(text=str(error)[:_TEXT])
         if self._normals is None:
             self._normals, self._valid = result.normals.normals, result.valid
-        verdict = _verdict(result)
+        verdict = result.verdict
         remedy = Remedy.of(verdict.causes[0]) if verdict.causes else Remedy()
         return Outcome(
             error_deg=_error_deg(result, recording),
@@ -158,13 +157,3 @@ def _mean_angle(first: Float32, second: Float32) -> float:
 
 def _median(values: Float32) -> float:
     return float(np.nanmedian(values)) if len(values) else NAN
-
-
-def _verdict(result: Reconstruction) -> Verdict:
-    """Return the verdict; of revisions without one, the warnings as causes of unknown effect."""
-    found: Verdict | None = getattr(result, "verdict", None)
-    if found is not None:
-        return found
-    codes = sorted({one.code for one in result.warnings if one.severity == "warning"})
-    causes = [Cause(code, code, NAN, "", NAN, 2.0, NAN, "") for code in codes]
-    return Verdict(tuple(causes), 0.0, NAN, NAN)
