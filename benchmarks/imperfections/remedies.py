@@ -13,6 +13,7 @@ from sgp.cli.options import transfer_of
 
 _OPTION = re.compile(r"--([a-z-]+)(?:[ =]([\w.,-]+))?")
 _SWITCHES = ("semi-calibrated", "rests-on-plane", "distant")
+_ESTIMATES = ("ambient", "light-distance-mm")
 _CURVES = ("srgb", "linear")
 _NUMBERS = ("light-distance-mm", "height-mm", "pixel-mm")
 
@@ -48,7 +49,7 @@ class Remedy:
                 return cls(f"--{name}", keywords={key: True})
             if name in _NUMBERS and _is_number(value):
                 return cls(options, keywords={key: float(value)})
-            if name == "ambient" and value == "estimate":
+            if name in _ESTIMATES and value == "estimate":
                 return cls(options, keywords={key: value})
             if name == "exclude" and value == "auto":
                 return cls(options, keywords={"exclude_disagreeing": True})

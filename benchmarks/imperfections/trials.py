@@ -14,7 +14,6 @@ from benchmarks.imperfections.recordings import NAN, Recording
 from benchmarks.imperfections.remedies import Remedy
 from calibration import EstimateError
 from processing import Reconstruction, reconstruct
-from processing.checks import Cause, Verdict
 from rig.arrays import Bool, Float32
 
 
@@ -41,7 +40,7 @@ class Outcome:
     codes
         Codes of all notices.
     remedy
-        The options that the first cause with such a remedy names.
+        The options that the remedy of the first cause names.
     remedied_deg
         Mean angle between normals and truth with these options.
     text
@@ -96,8 +95,8 @@ class Trial:
             return Outcome(text=str(error)[:_TEXT])
         if self._normals is None:
             self._normals, self._valid = result.normals.normals, result.valid
-        verdict = _verdict(result)
-        remedies = [remedy for cause in verdict.causes if (remedy := Remedy.of(cause)).options]
+        verdict = result.verdict
+        remedy = Remedy.of(verdict.causes[0]) if verdict.causes else Remedy()
         return Outcome(
             error_deg=_error_deg(result, recording),
             error_mm=_error_mm(result, recording),
@@ -107,8 +106,8 @@ class Trial:
             causes=" ".join("/".join((one.name, *one.alternatives)) for one in verdict.causes),
             not_excluded=" ".join(verdict.not_excluded),
             codes=" ".join(sorted({notice.code for notice in result.warnings})),
-            remedy=remedies[0].options if remedies else "",
-            remedied_deg=_remedied_deg(recording, remedies[0]) if remedies else NAN,
+            remedy=remedy.options,
+            remedied_deg=_remedied_deg(recording, remedy) if remedy.options else NAN,
             text="; ".join(notice.text for notice in verdict.notices)[:_TEXT],
         )
 
@@ -158,13 +157,3 @@ def _mean_angle(first: Float32, second: Float32) -> float:
 
 def _median(values: Float32) -> float:
     return float(np.nanmedian(values)) if len(values) else NAN
-
-
-def _verdict(result: Reconstruction) -> Verdict:
-    """Return the verdict; of revisions without one, the warnings as causes of unknown effect."""
-    found: Verdict | None = getattr(result, "verdict", None)
-    if found is not None:
-        return found
-    codes = sorted({one.code for one in result.warnings if one.severity == "warning"})
-    causes = [Cause(code, code, NAN, "", NAN, 2.0, NAN, "") for code in codes]
-    return Verdict(tuple(causes), 0.0, NAN, NAN)

@@ -157,6 +157,11 @@ def test_objects_without_truth_are_compared_with_their_clean_result():
             "--light-distance-mm 450.5",
             {"light_distance_mm": 450.5},
         ),
+        "an estimate of it": (
+            "give --light-distance-mm estimate, or measure it",
+            "--light-distance-mm estimate",
+            {"light_distance_mm": "estimate"},
+        ),
         "no value": ("measure it, and give --light-distance-mm D", "", {}),
         "switch": ("use --semi-calibrated.", "--semi-calibrated", {"semi_calibrated": True}),
     },
