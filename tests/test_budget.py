@@ -16,13 +16,13 @@ PACKAGES = ("rig", "acquisition", "calibration", "processing", "simulator", "sgp
 # top, modules.
 BUDGET = {
     "rig": (3702, 44, 58),
-    "acquisition": (14975, 63, 149),
+    "acquisition": (14981, 63, 149),
     "calibration": (10115, 30, 85),
-    "processing": (20309, 61, 187),
+    "processing": (20539, 61, 188),
     "simulator": (7323, 28, 65),
-    "sgp": (14284, 0, 143),
+    "sgp": (14296, 0, 143),
 }
-WORDS_OF_DOCUMENTS = 152600
+WORDS_OF_DOCUMENTS = 155033
 # Numbers of calibration/spheres that were chosen, not derived.
 TUNED_CONSTANTS = 262
 STRATA_OF_SGP = 7

@@ -130,7 +130,7 @@ def _orders(count: int) -> Iterator[tuple[str, Intp]]:
 
 
 def swapped(model: BlockModel) -> list[tuple[int, int]]:
-    """Return images that show the light of another image much better, and that light."""
+    """Return images that show each other's lights much better, and these lights."""
     inside = model.valid
     albedo = model.albedo[inside][:, None]
     # A sample that does not count, such as a saturated one, fits its own light.
@@ -142,8 +142,10 @@ def swapped(model: BlockModel) -> list[tuple[int, int]]:
     cost = (seen**2).mean(axis=0)[:, None] - 2 * seen.T @ expected / len(seen)
     cost += (expected**2).mean(axis=0)
     rows, taken = linear_sum_assignment(cost)
-    return [
+    pairs = [
         (int(i), int(j))
         for i, j in zip(rows, taken, strict=True)
         if cost[i, j] < _BETTER * cost[i, i]
     ]
+    # Images that exchange their lights, not one whose light happens to be like another.
+    return pairs if {i for i, _ in pairs} == {j for _, j in pairs} else []

@@ -87,7 +87,7 @@ def judge(
         residual=quality.residual,
         noise=quality.consistency,
         # Standard deviations contain an estimate of what residuals do.
-        unexplained_deg=float(sigma_deg * np.sqrt(found.unexplained)),
+        unexplained_deg=sigma_deg,
         tried=(*found.tried, *_tried(quality)),
         not_excluded=found.not_excluded,
         least=found.least,
