@@ -5,7 +5,7 @@ of the simulator, and objects of DiLiGenT and of the University of Washington fr
 SGP_DATA names. Harm is the mean angle to the true normals beyond
 that of the clean recording; an imperfection is harmful if this exceeds 1 degree and the stated
 standard deviation. "named" counts verdicts that name it among the first two causes or the
-alternatives of these. Where the images do not tell two causes apart, either name is right.
+alternatives of these. Where the images do not distinguish two causes, either name is right.
 
 Rows that are in the file are not computed again. Seeds below 1000 were used for development.
 

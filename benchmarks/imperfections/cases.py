@@ -14,7 +14,7 @@ from rig.arrays import Float32, Float64
 
 Change = Callable[[Recording, float], Recording]
 
-# Light that is added to all samples; under even albedo, images do not tell these apart.
+# Light that is added to all samples; under even albedo, images do not distinguish these.
 _ADDED = {"ambient-light", "black-level"}
 _CLAHE_TILES = (6, 6)
 _SCATTER_SEED = 77201
@@ -35,7 +35,7 @@ class Case:
     causes
         Names of the causes that are right.
     distant
-        Names that are right, too, under distant lights, which do not tell these causes apart.
+        Names that are right, too, under distant lights, which do not distinguish these causes.
     near
         It exists only under near lights.
     hidden

@@ -93,7 +93,7 @@ class Recording:
         return replace(self, images=self.images[which], lights=self.lights.take(which))
 
     def write(self, folder: Path) -> None:
-        """Write the images into a new folder, named after their lights, and the mask beside it."""
+        """Write the images into a new folder, named after their lights, and the mask next to it."""
         folder.mkdir(parents=True)
         for name, image in zip(self.lights.ids, self.images, strict=True):
             deep = np.rint(np.clip(image, 0, 1) * 65535).astype(np.uint16)

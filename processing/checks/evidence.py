@@ -202,7 +202,7 @@ class NormalEquations:
         alone = cause @ found[known:]
         return Fitted(
             found[known:],
-            np.sqrt(np.diag(covariance))[known:],
+            np.sqrt(np.maximum(np.diag(covariance), 0))[known:],
             basis @ found,
             alone,
             float(evidence),

@@ -33,8 +33,8 @@ _FEWEST_BLOCKS, _FEWEST_LIGHTS = 100, 5
 # A cause is found if its logarithmic evidence is larger, and the share of the squared residual that
 # it foresees. Of 52 correct simulated recordings, gloss imitates causes that foresee up to 0.05.
 _EVIDENCE, _FORESEEN = 30.0, 0.06
-# Causes with this share of the evidence of the best one cannot be told from it; a special case with
-# this share is named instead of the general one.
+# Causes with this share of the evidence of the best one cannot be distinguished from it. A special
+# case with this share is named instead of the general one.
 _TIED, _SPECIAL = 0.9, 0.8
 _MOST_CAUSES = 3
 _CURVE = "transfer-curve-doubtful"

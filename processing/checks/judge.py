@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ from rig import Notice
 from rig.arrays import Bool, Float64
 
 _FEWEST_IMAGES = 4
+_OTHERS_UNLIKELY = {"image-duplicate", "images-undecided", "lights-shuffled"}
 _COMPARED = {"transfer-curve-doubtful", "height-doubtful"}
 _REMEDIES = {
     "image-disagrees": "look at the image, record it again, or leave it out",
@@ -73,6 +75,9 @@ def judge(
         Stated standard deviation of the normals: the median, in degrees; NaN if it is not known.
     """
     found = _explained(examined)
+    unlike = [notice for notice in quality.warnings if notice.code in _OTHERS_UNLIKELY]
+    if unlike and not {cause.name for cause in found.causes} & _OTHERS_UNLIKELY:
+        found = replace(found, causes=())  # sizes under other lights mean nothing
     known = {cause.name for cause in found.causes}
     if found.tried:
         # Those that explain the images have been compared with others, and found to be less likely.

@@ -101,7 +101,7 @@ class Verdict:
     residual
         Share of the signal that neither the result nor the causes explain.
     noise
-        The same share by noise alone.
+        The same share for the best three images whose combinations are all others.
     unexplained_deg
         How much the residual may change the normals, in degrees.
     tried
@@ -159,12 +159,9 @@ class Verdict:
         matters = self.matters_deg
         found = [_notice(cause, matters) for cause in self.causes]
         if self.unexplained_deg > matters:
-            times = ""
-            if self.noise > 0:
-                times = f", {self.residual / self.noise:.1f} times the noise,"
             text = (
-                f"a residual of {self.residual:.1%} of the signal{times} is not explained: no "
-                f"cause found among {', '.join(self.tried)}"
+                f"a residual of {self.residual:.1%} of the signal is not explained: no cause found "
+                f"among {', '.join(self.tried)}"
             )
             found.append(Notice("residual-unexplained", text))
         return tuple(found)

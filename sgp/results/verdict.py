@@ -33,8 +33,8 @@ def unexplained_text(verdict: processing.checks.Verdict) -> str:
     if not verdict.unexplained_deg > verdict.matters_deg:
         return ""
     return (
-        f"a residual of {verdict.residual:.1%} of the signal, noise has {verdict.noise:.1%}, "
-        f"is not explained (normals may change by {verdict.unexplained_deg:.2g} deg)"
+        f"a residual of {verdict.residual:.1%} of the signal is not explained "
+        f"(normals may change by {verdict.unexplained_deg:.2g} deg)"
     )
 
 

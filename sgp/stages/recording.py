@@ -215,6 +215,11 @@ def _with_answers(
     # `reconstruct` compares with sRGB if the images are linear, and with linear otherwise.
     other = "srgb" if source.transfer == acquisition.LINEAR else "linear"
     answers = {
+        "ambient-light": "--ambient estimate",
+        "brightness-gradient": "--semi-calibrated",
+        "light-brightness": "--semi-calibrated",
+        "lights-fading": "--semi-calibrated",
+        "lights-not-distant": "--light-distance-mm",
         "transfer-curve-doubtful": f"--gamma {other}",
         "height-doubtful": "--height-mm, --rests-on-plane",
         "height-not-determined": "--height-mm, --rests-on-plane",

@@ -94,7 +94,7 @@ def test_other_warnings_stop_nothing_and_are_printed_once(sgp, tmp_path):
     """Unattended: the exposure is dim, and the object has no fine structure."""
     words = ("--rig", rig_file(tmp_path), "--plan", plan_file(tmp_path, 3000.0))
     done = sgp("capture", "run", tmp_path / "s", *words).ok()
-    notes = [line for line in done.err.splitlines() if line.startswith("note: ")]
+    notes = [line for line in done.err.splitlines() if line.startswith(("note: ", "warning: "))]
     assert any("lengthen the exposure" in line for line in notes)
     assert len(notes) == len(set(notes))
     # Another command states its own notices.
