@@ -63,7 +63,7 @@ LINES = {
     "one": (verdict(GAIN), "check: strengths differ by 5 % (normals change by 1.5 deg)"),
     "alternative": (
         verdict(TIE),
-        "check: an offset, or ambient-light (normals change by 2 deg)",
+        "check: an offset, or room light (normals change by 2 deg)",
     ),
     "effect unknown": (verdict(UNKNOWN), "check: the curve is doubtful"),
     "two": (
@@ -92,7 +92,7 @@ LINES = {
     ),
     "unexplained": (
         verdict(unexplained_deg=3.04),
-        "check: a residual of 26.0% of the signal, noise has 2.0%, is not explained (normals may "
+        "check: a residual of 26.0% of the signal is not explained (normals may "
         "change by 3 deg)",
     ),
 }
@@ -183,7 +183,7 @@ def test_causes_are_notices_with_their_effects() -> None:
         "room light reaches 15 % of the albedo (normals change by 6.2 deg, heights change by "
         "12 mm); repeat in the dark",
         "the curve is doubtful",
-        "an offset, or ambient-light (normals change by 2 deg)",
+        "an offset, or room light (normals change by 2 deg)",
     ]
     severities = [one.severity for one in verdict(LIGHT, GAIN, UNKNOWN, sigma_deg=2).notices]
     assert severities == ["warning", "info", "warning"]
@@ -206,7 +206,7 @@ HEADS = {
     "unexplained": (
         verdict(replace(GAIN, normals_deg=0.2), unexplained_deg=3),
         '<div class="verdict check"><p><strong>Check</strong></p><ul><li>a residual of 26.0% '
-        "of the signal, noise has 2.0%, is not explained (normals may change by 3 deg)</li></ul>"
+        "of the signal is not explained (normals may change by 3 deg)</li></ul>"
         "</div>",
     ),
 }
