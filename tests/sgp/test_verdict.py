@@ -189,7 +189,7 @@ def test_causes_are_notices_with_their_effects() -> None:
     assert severities == ["warning", "info", "warning"]
     (left,) = verdict(unexplained_deg=3).notices
     assert left.code == "residual-unexplained"
-    assert "26.0% of the signal, 13.0 times the noise" in left.text
+    assert "26.0% of the signal is not explained" in left.text
 
 
 HEADS = {
