@@ -22,8 +22,11 @@ from rig import Notice
 from rig.arrays import Bool, Float64
 
 _FEWEST_IMAGES = 4
-_OTHERS_UNLIKELY = {"image-duplicate", "images-undecided", "lights-shuffled"}
-_COMPARED = {"transfer-curve-doubtful", "height-doubtful"}
+# With these, sizes of other causes mean nothing, unless an arrangement of the lights explains them.
+_DISTURBING = {"image-duplicate", "lights-shuffled"}
+_ARRANGEMENTS = {"images-swapped", "images-turned", "lights-mirrored", "lights-shuffled"}
+# The distance of all lights has been compared with other causes.
+_COMPARED = {"height-doubtful"}
 _REMEDIES = {
     "image-disagrees": "look at the image, record it again, or leave it out",
     "lights-mirrored": "check the axes of the lights",
@@ -75,12 +78,14 @@ def judge(
         Stated standard deviation of the normals: the median, in degrees; NaN if it is not known.
     """
     found = _explained(examined)
-    unlike = [notice for notice in quality.warnings if notice.code in _OTHERS_UNLIKELY]
-    if unlike and not {cause.name for cause in found.causes} & _OTHERS_UNLIKELY:
-        found = replace(found, causes=())  # sizes under other lights mean nothing
     known = {cause.name for cause in found.causes}
+    if known & _ARRANGEMENTS:
+        known |= _DISTURBING
+    elif any(notice.code in _DISTURBING for notice in quality.warnings):
+        found, known = replace(found, causes=()), set()
+    if known:
+        known.add("images-undecided")
     if found.tried:
-        # Those that explain the images have been compared with others, and found to be less likely.
         known |= _COMPARED
     others = [notice for notice in (*doubts, *quality.warnings) if notice.code not in known]
     causes = [*found.causes, *(_cause(examined, quality, notice) for notice in others)]
