@@ -18,7 +18,7 @@ BUDGET = {
     "rig": (3702, 44, 58),
     "acquisition": (14981, 63, 149),
     "calibration": (10115, 30, 85),
-    "processing": (20541, 61, 188),
+    "processing": (20545, 61, 188),
     "simulator": (7323, 28, 65),
     "sgp": (14301, 0, 143),
 }

@@ -24,7 +24,7 @@ from rig.arrays import Bool, Float64
 _FEWEST_IMAGES = 4
 # With these, sizes of other causes mean nothing, unless an arrangement of the lights explains them.
 _DISTURBING = {"image-duplicate", "lights-shuffled"}
-_ARRANGEMENTS = {"images-swapped", "images-turned", "lights-mirrored", "lights-shuffled"}
+_ARRANGEMENTS = {"images-turned", "lights-mirrored", "lights-shuffled"}
 # The distance of all lights has been compared with other causes.
 _COMPARED = {"height-doubtful"}
 _REMEDIES = {

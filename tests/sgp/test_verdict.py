@@ -92,8 +92,7 @@ LINES = {
     ),
     "unexplained": (
         verdict(unexplained_deg=3.04),
-        "check: a residual of 26.0% of the signal is not explained (normals may "
-        "change by 3 deg)",
+        "check: a residual of 26.0% of the signal is not explained (normals may change by 3 deg)",
     ),
 }
 
