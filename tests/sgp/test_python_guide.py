@@ -26,7 +26,7 @@ def test_the_examples_work(sgp, tmp_path, monkeypatch, capsys) -> None:
     assert spheres.count("Sphere(") == 4
     assert float(re.search(r"error of the shape: (\S+) degrees", detail)[1]) < 1
     assert "in mm" in mesh
-    assert "Session(recordings/loop, 5 frames, complete)" in loop
+    assert "Session(recordings/loop, 6 frames, complete)" in loop
     assert len(list(tmp_path.glob("normals/*"))) == 3
     assert (tmp_path / "coin.ply").stat().st_size > 10_000
     assert len(EXAMPLES) == len(re.findall(r"^## \d ", GUIDE, re.M))
