@@ -12,15 +12,16 @@ from acquisition.files import Form
 from processing.stages.stage import Need, Size
 from processing.surface.blocks.plan import plan_blocks
 
-# Bytes whatever the size, measured with those per pixel from 1 to 10 megapixels (decision 69).
-_FIXED = 30_000_000
+# Bytes whatever the size, measured with those per pixel from 1 to 10 megapixels (decision 69), and
+# what the allocator keeps, which depends on the order of small allocations by 12 MB.
+_FIXED = 42_000_000
 # Bytes per pixel of a surface that is solved as a whole; additional ones with a camera, and with
 # deviations of the normals.
 _WHOLE, _CAMERA, _SIGMA = 70, 45, 14
 # Bytes per pixel of the largest block, of the rows that two blocks share, and of the map.
 _BLOCK, _SHARED, _MASKS = 82, 48, 2
 # Interpreter, libraries and bands of rows that are written.
-_PROGRAM = 330_000_000
+_PROGRAM = 318_000_000
 # Bytes per pixel of a surface in memory: the normals while it is solved, all maps and the mesh,
 # measured at 5 and 20 megapixels; depths and deviations are additional maps.
 _NORMALS, _WRITING, _MAP = 14, 105, 8
