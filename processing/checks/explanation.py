@@ -105,12 +105,13 @@ def explain(
     """
     samples, places = block_samples(cells)
     shape = cells.mask.shape
+    untested = Explanation(not_excluded=tuple(KINDS))
     if len(places) < _FEWEST_BLOCKS or len(lights) < _FEWEST_LIGHTS:
-        return Explanation()
+        return untested
     points = _points(cells, places, pixel_mm)
     model = fit_blocks(samples, light_vectors(lights, points), points, places, shape)
     if np.count_nonzero(model.valid) < _FEWEST_BLOCKS:
-        return Explanation()
+        return untested
     better = better_arrangement(model, samples, lights)
     if better is not None:
         vectors = light_vectors(better.lights, points)

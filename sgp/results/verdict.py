@@ -42,6 +42,8 @@ def good_result(verdict: processing.checks.Verdict) -> str:
     """Return what a good verdict says of a result."""
     if not verdict.tried:
         return "but too little data: neither lights nor normals could be tested"
+    if verdict.tried == ("lights-mirrored",):
+        return "but too few images or pixels to test room light, curve, lights and shifts"
     text = f"nothing was found that changes the normals by more than {verdict.matters_deg:.2g} deg"
     if verdict.sigma_deg > 1:
         text += f"; their standard deviation is {verdict.sigma_deg:.2g} deg"
