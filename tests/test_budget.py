@@ -18,7 +18,7 @@ BUDGET = {
     "rig": (3702, 44, 58),
     "acquisition": (14981, 63, 149),
     "calibration": (10115, 30, 85),
-    "processing": (20546, 61, 188),
+    "processing": (20549, 61, 188),
     "simulator": (7323, 28, 65),
     "sgp": (14303, 0, 143),
 }

@@ -63,7 +63,8 @@ def curve_warnings(
     if residuals is None:
         return []
     assumed, alternative = residuals
-    if alternative > _FITS or alternative > _BETTER * assumed:
+    # What both curves explain to the rounding of samples does not show the curve.
+    if assumed < _STEP or alternative > _FITS or alternative > _BETTER * assumed:
         return []
     text = (
         f"read as {source.transfer.name} ({source.transfer_origin}), the images deviate from the "

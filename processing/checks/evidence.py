@@ -16,6 +16,8 @@ from rig.arrays import Float64, Intp
 _PARTS = 8
 _FOLDS = 4
 _RIDGE = 1e-12
+# Squared residual of images without noise.
+_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,9 +148,9 @@ class NormalEquations:
         """Squared residual with the nuisances alone."""
         squares = self.squares
         if not self.nuisances.shape[1]:
-            return squares
+            return max(squares, _ROUNDING)
         found, _, _ = self._solved(self.nuisances, self.widths, squares / self.samples)
-        return squares - self._gain(self.nuisances @ found)
+        return max(squares - self._gain(self.nuisances @ found), _ROUNDING)
 
     def design_effect(self, flexible: Float64, judged: Float64, widths: Float64) -> float:
         """Return how many samples count as one, because neighbours deviate alike.
@@ -187,7 +189,7 @@ class NormalEquations:
         for _ in range(2):
             variance = left / self.samples * design_effect
             found, matrix, ridge = self._solved(basis, expected, variance)
-            left = max(self.squares - self._gain(basis @ found), 1e-12)
+            left = max(self.squares - self._gain(basis @ found), _ROUNDING)
         information = np.linalg.slogdet(matrix + ridge)[1] - np.linalg.slogdet(ridge)[1]
         before = 0.0
         if known:

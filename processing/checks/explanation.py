@@ -17,7 +17,7 @@ from processing.checks.block_model import (
     light_vectors,
 )
 from processing.checks.causes import KINDS, Hypothesis, hypotheses_of, nuisances_of
-from processing.checks.derivatives import columns_of, slopes_of
+from processing.checks.derivatives import Columns, columns_of, slopes_of
 from processing.checks.evidence import Fitted, NormalEquations
 from processing.checks.verdict import Cause
 from processing.images.block_means import Cells
@@ -25,7 +25,7 @@ from processing.images.viewing_rays import View
 from processing.maps.normal_map import NormalMap
 from processing.surface.integration import integrate
 from rig import pluralize
-from rig.arrays import Bool, Float64, Intp
+from rig.arrays import Float64, Intp
 
 # Blocks whose samples are explained.
 _BLOCKS = 1500
@@ -128,16 +128,23 @@ def explain(
         causes.append(_exchanged(pairs, ids, _angle_deg(model, changed)))
         model = changed
     rays = None if view is None else view.rise(points)
-    found = _Contest(model, lights, strengths, rays, cells.size, pixel_mm).explanation()
+    slopes = slopes_of(model)
+    blocks = _usable(model, slopes)
+    if len(blocks) < _FEWEST_BLOCKS:
+        return replace(untested, causes=tuple(causes))
+    columns = columns_of(model, lights, strengths, rays, slopes)
+    found = _Contest(model, columns, blocks, lights, cells.size, pixel_mm).explanation()
     hidden = (*found.not_excluded, *(() if lights.near else ("images-turned",)))
     return replace(found, causes=(*causes, *found.causes), not_excluded=hidden)
 
 
-def _usable(model: BlockModel, most: int, inside: Bool) -> Intp:
+def _usable(model: BlockModel, slopes: tuple[Float64, Float64]) -> Intp:
+    """Return the blocks that are used; those at the border of the object have no slopes."""
+    inside = np.isfinite(slopes[0] + slopes[1]).all(axis=1)
     usable = np.flatnonzero(model.valid & (model.albedo > _DARK) & inside)
-    if len(usable) <= most:
+    if len(usable) <= _BLOCKS:
         return usable
-    return np.sort(np.random.default_rng(0).choice(usable, most, replace=False))
+    return np.sort(np.random.default_rng(0).choice(usable, _BLOCKS, replace=False))
 
 
 def _points(cells: Cells, places: Intp, pixel_mm: float | None) -> Float64:
@@ -193,20 +200,16 @@ class _Contest:
     def __init__(
         self,
         model: BlockModel,
+        columns: Columns,
+        blocks: Intp,
         lights: Lights,
-        strengths: Float64,
-        rays: Float64 | None,
         size: int,
         pixel_mm: float | None,
     ) -> None:
-        self._model, self._lights = model, lights
+        self._model, self._columns, self._lights = model, columns, lights
         self._size, self._pixel_mm = size, pixel_mm
-        slopes = slopes_of(model)
-        self._columns = columns_of(model, lights, strengths, rays, slopes)
-        inside = np.asarray(np.isfinite(slopes[0] + slopes[1]).all(axis=1))
-        usable = _usable(model, _BLOCKS, inside)
         nuisances, widths = nuisances_of(self._columns)
-        self._equations = NormalEquations(model, self._columns, usable, nuisances, widths)
+        self._equations = NormalEquations(model, columns, blocks, nuisances, widths)
         self._hypotheses = hypotheses_of(self._columns, lights.unit_directions)
         flexible = [one for one in self._hypotheses if not one.general]
         self._design = self._equations.design_effect(

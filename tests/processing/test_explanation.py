@@ -154,6 +154,18 @@ def test_the_cause_is_named(name: str, tmp_path: Path) -> None:
     assert name in found
 
 
+def test_a_thin_object_and_images_without_noise_have_a_verdict(tmp_path: Path) -> None:
+    recording = Recording()
+    recording.images = np.full_like(recording.images, 0.3)
+    assert verdict_of(recording, str(tmp_path)).tried
+    mask = np.zeros((HEIGHT, WIDTH), np.uint8)
+    mask[50:52] = 255  # every block is at the border of the object
+    write_png(tmp_path / "mask.png", mask)
+    source = read_source(tmp_path, lights=recording.lights)
+    thin = reconstruct(source, pixel_mm=recording.pixel_mm, surface=False).verdict
+    assert "ambient-light" in thin.not_excluded
+
+
 def test_sizes_are_those_of_the_truth(tmp_path: Path) -> None:
     recording = Recording(seed=8)
     CHANGES["ambient-light"](recording)
