@@ -12,10 +12,7 @@ import numpy as np
 
 from acquisition import DataError, Lights, Source
 from calibration import EstimateError, Stack
-from processing.checks.curve_check import curve_warnings
-from processing.checks.judge import Examined, judge
-from processing.checks.quality import ImageQuality, quality_of
-from processing.checks.scheme_check import exclusion
+from processing.checks.quality import Examined, ImageQuality, quality_of
 from processing.checks.strengths import (
     LightStrengths,
     light_strengths,
@@ -43,8 +40,8 @@ from processing.stereo.light_model import LightModel
 from processing.stereo.method import Method
 from processing.stereo.solve import solve_maps
 from processing.stereo.stereo_maps import StereoMaps
-from rig import Notice, Progress, Severity, no_progress
-from rig.arrays import Bool, Float32, Intp
+from rig import Notice, Progress, Severity, no_progress, pluralize
+from rig.arrays import Bool, Float32, Float64, Intp
 
 # A computed mask beyond these probably contains background.
 _LARGEST_SHARE = 0.8
@@ -300,12 +297,6 @@ class Examination:
     def find_surface(self, *, semi_calibrated: bool) -> None:
         """Find the points of the surface, and the strengths of the lights if they are not known."""
         strengths = self._divided() if semi_calibrated else None
-        # Before the height, which a wrong curve would bend.
-        sample = self.sample()
-        self._doubts += curve_warnings(
-            self.source, sample.values, self.lights, sample.mask, sample.of(self.points)
-        )
-        del sample
         if strengths is None or self.view is None:
             self._find_height()
         else:
@@ -322,11 +313,11 @@ class Examination:
         """Test whether images, lights and normals agree; leave out images that do not."""
         quality = self._quality()
         if exclude_disagreeing:
-            kept = quality.scheme.agreeing(len(self.lights))
-            self.excluded = tuple(name for i, name in enumerate(self.lights.ids) if i not in kept)
-            self.warnings += exclusion(quality.scheme, self.lights.ids)
+            self.excluded = tuple(quality.explanation.disagreeing)
             if self.excluded:
-                self._take(kept)
+                self.warnings.append(_exclusion(quality))
+                ids = self.lights.ids
+                self._take([i for i, name in enumerate(ids) if name not in self.excluded])
                 self._find_height()
                 quality = self._quality()
         for notice in () if self.near is None else self.near.warnings:
@@ -335,10 +326,7 @@ class Examination:
 
     def verdict(self, quality: ImageQuality, sigma_deg: float) -> Verdict:
         """Return what is probably wrong; ``sigma_deg`` is stated of the normals, the median."""
-        examined = Examined(
-            self.images, self.lights, self.mask, self.points, self.view, self.source
-        )
-        return judge(examined, quality, self._doubts, sigma_deg)
+        return quality.verdict(sigma_deg, self._doubts)
 
     def sample(self) -> RowSample:
         """Return some rows of the images."""
@@ -394,7 +382,46 @@ class Examination:
         self.near, self.points = self._heights.of(self.images, self.lights)
 
     def _quality(self) -> ImageQuality:
-        return quality_of(self.images, self.lights, self.mask, self.points)
+        camera, source = self.source.camera, self.source
+        pixel_mm = getattr(self.view, "pixel_mm", None)
+        if camera is not None and camera.working_distance_mm is not None:
+            pixel_mm = camera.working_distance_mm / float(camera.K[0, 0])
+        certain = not np.isfinite(source.white_level)
+        return quality_of(
+            Examined(
+                self.images,
+                self.lights,
+                self.mask,
+                self.points,
+                self.view,
+                _strengths(source, self.lights),
+                pixel_mm,
+                None if certain else source.transfer,
+            )
+        )
+
+
+def _strengths(source: Source, lights: Lights) -> Float64:
+    """Return the recorded signal of each image, where white is 1, relative to its samples."""
+    exposures = dict.fromkeys(source.light_ids, 0.0)
+    for frame in source.frames:
+        if frame.role == "light" and frame.light_id in exposures:
+            exposures[frame.light_id] = max(exposures[frame.light_id], frame.exposure_us or 0.0)
+    longest = max(exposures.values()) or 1.0
+    times = np.array([(exposures[name] or longest) / longest for name in lights.ids])
+    return np.asarray(times * np.asarray(lights.intensities).mean(axis=1))
+
+
+def _exclusion(quality: ImageQuality) -> Notice:
+    """Return what is left out, and why."""
+    wrong = quality.explanation.disagreeing
+    names = ", ".join(wrong)
+    reasons = "; ".join(
+        cause.text for cause in quality.causes if set(cause.where.split(", ")) & wrong.keys()
+    )
+    noun = pluralize(len(wrong), "image is", "images are")
+    text = f"{noun} left out because the others contradict them: {names} ({reasons})"
+    return Notice("images-excluded", text, names)
 
 
 def lit_images(values: Images, mask: Bool) -> list[int]:
