@@ -127,7 +127,8 @@ class Blocks:
         self.shape, self.size, self.top = cells.mask.shape, cells.size, cells.corner[0]
         self.places: Intp = np.flatnonzero(cells.mask)
         values = cells.values.reshape(len(cells.values), -1)[:, self.places].T.astype(np.float64)
-        self.scale = max(float(np.nanpercentile(values, 99)), 1e-12)
+        measured = values[np.isfinite(values)]
+        self.scale = max(float(np.percentile(measured, 99)), 1e-12) if measured.size else 1.0
         self.samples: Float64 = values / self.scale
         if cells.points_mm is not None:
             self.points = cells.points_mm.reshape(-1, 3)[self.places]

@@ -49,7 +49,7 @@ KINDS = {
         "room light of {size} of a lamp's light reaches the object",
         "%",
         100,
-        "record in the dark, subtract a dark frame, or give --ambient estimate",
+        "record in the dark, subtract a dark frame, or estimate the ambient light",
     ),
     "black-level": Kind(
         "an offset of all samples",
@@ -70,21 +70,21 @@ KINDS = {
         "the strengths of the lights are off by {size}",
         "%",
         100,
-        "calibrate the strengths, or give --semi-calibrated",
+        "calibrate the strengths, or estimate them",
     ),
     "brightness-gradient": Kind(
         "strengths that change from one side to the other",
         "the strengths of the lights change by {size} from one side to the other",
         "%",
         100,
-        "calibrate the strengths, or give --semi-calibrated",
+        "calibrate the strengths, or estimate them",
     ),
     "lights-fading": Kind(
         "fading lights",
         "the light changes by {size} from the first to the last image",
         "%",
         100,
-        "let the lamps warm up, or give --semi-calibrated",
+        "let the lamps warm up, or estimate the strengths",
     ),
     "image-shifted": Kind(
         "shifted images",
@@ -126,7 +126,7 @@ KINDS = {
         "the lights are about {size} away, not distant: their light falls off over the object",
         "mm",
         1,
-        "give a calibration with positions, or --light-distance-mm D or estimate",
+        "give their distance, or a calibration with positions",
     ),
     "lights-displaced": Kind(
         "displaced lights",
@@ -150,14 +150,14 @@ MOVEMENTS = {"image-shifted", "images-drift", "images-moved"}
 # What is wrong with single images, and what to do.
 IMAGE_KINDS = {
     "images-swapped": ("images in another order", "check the order of the files"),
-    "image-duplicate": ("repeated images", "restore the missing ones, or give --exclude auto"),
+    "image-duplicate": ("repeated images", "restore the missing ones, or leave them out"),
     "image-turned": ("images not in the position of the others", "turn the files"),
-    "light-moved": ("lamps at other places", "calibrate them again, or give --exclude auto"),
-    "image-striped": ("images with foreign rows", "record them again, or give --exclude auto"),
-    "image-clipped": ("clipped images", "check exposure and white level, or give --exclude auto"),
+    "light-moved": ("lamps at other places", "calibrate them again, or leave them out"),
+    "image-striped": ("images with foreign rows", "record them again, or leave them out"),
+    "image-clipped": ("clipped images", "check exposure and white level, or leave them out"),
     "image-disagrees": (
         "images that do not agree with the others",
-        "look at them, record them again, or give --exclude auto",
+        "look at them, record them again, or leave them out",
     ),
 }
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -12,14 +12,13 @@ from acquisition import LINEAR, SRGB, Lights, TransferCurve, angle_deg
 from processing.checks.arrangement import (
     Arrangement,
     better_arrangement,
-    residual_of,
     turned_lights,
 )
-from processing.checks.block_model import BlockModel, Blocks, light_vectors
+from processing.checks.block_model import BlockModel, Blocks
 from processing.checks.causes import IMAGE_KINDS, KINDS, MOVEMENTS
 from processing.checks.contest import Contest, Decision
 from processing.checks.derivatives import columns_of, slopes_of
-from processing.checks.height_effect import height_effect_mm, sparse_blocks
+from processing.checks.height_effect import height_effect_mm, mean_height, sparse_blocks
 from processing.checks.image_faults import ImageFault, Turned, image_faults
 from processing.checks.shown_lights import ShownLights
 from processing.checks.verdict import Cause
@@ -29,7 +28,7 @@ from processing.stereo.normals_and_albedo import photometric_stereo
 from processing.surface.integrability_test import Integrability, integrability
 from rig.arrays import Float64, Intp
 
-_BLOCKS, _SOME = 1500, 600
+_BLOCKS = 1500
 _FEWEST_BLOCKS, _FEWEST_LIGHTS, _FEWEST_IMAGES = 100, 5, 4
 # Blocks with less albedo, relative to the bright parts, show nothing.
 _DARK = 1e-4
@@ -58,6 +57,10 @@ class Recorded(NamedTuple):
         Size of a pixel on the object; None if it is not known.
     transfer
         The assumed transfer curve; None if it is known.
+    normals
+        Robust normals of all cells.
+    shape
+        Whether they are those of a surface.
     turned
         Returns samples ``(P,)`` of an image whose rows and columns run by these signs.
     detail
@@ -71,6 +74,8 @@ class Recorded(NamedTuple):
     view: View | None
     pixel_mm: float | None
     transfer: TransferCurve | None
+    normals: NormalMap
+    shape: Integrability
     turned: Turned
     detail: Blocks | None = None
 
@@ -104,9 +109,7 @@ class Explanation:
     disagreeing: dict[str, float | None] = field(default_factory=dict)
 
 
-def explain(
-    recorded: Recorded, model: BlockModel, shape: Integrability, shown: ShownLights
-) -> Explanation:
+def explain(recorded: Recorded, model: BlockModel, shown: ShownLights) -> Explanation:
     """Find what is probably wrong with a recording.
 
     Another arrangement of the lights explains everything else. Single images that the others do not
@@ -118,8 +121,6 @@ def explain(
         The recording.
     model
         The fit of its blocks.
-    shape
-        Whether its normals are those of a surface.
     shown
         The lights that the images show.
     """
@@ -127,34 +128,32 @@ def explain(
     if np.count_nonzero(model.valid) < _FEWEST_BLOCKS or len(lights) < _FEWEST_LIGHTS:
         return Explanation()
     other = better_arrangement(model, recorded.blocks.samples, lights)
-    if other is not None:
-        arranged: Cause | None = _arranged(
-            other, _angle_deg(model, recorded.blocks.fit(other.lights))
-        )
+    curve, residual = _other_curve(recorded, model, _BETTER_CURVE)
+    arranged: Cause | None
+    if curve is not None and (other is None or residual < other.residual):
+        arranged = curve
+    elif other is not None:
+        arranged = _arranged(other, _angle_deg(model, recorded.blocks.fit(other.lights)))
     elif shown.contradict:
         arranged = _unknown_order(shown)
     else:
-        arranged = _other_axes(model, shape)
+        arranged = _other_axes(model, recorded.shape)
     if arranged is not None:
+        # Sizes of others would be those of a wrong arrangement or curve.
         return Explanation((arranged,), (arranged.name,))
     found = image_faults(model, recorded.turned, recorded.blocks.size, recorded.blocks.top)
     causes = list(_of_images(found, recorded))
     wrong = [fault.image for fault in found]
     if wrong:
         model = recorded.blocks.fit(lights, wrong)
-    causes += _turned_about_axis(recorded, model, shape_of(model) if wrong else shape)
+    causes += _turned_about_axis(recorded, model, wrong)
     disagreeing: dict[str, float | None] = {lights.ids[i]: None for i in wrong}
-    curve = _other_curve(recorded, model, _BETTER_CURVE)
-    if curve is not None:
-        causes.append(curve)
     tested = Explanation(tuple(causes), (*IMAGE_KINDS, _CURVE), disagreeing=disagreeing)
-    if curve is not None:
-        return tested  # sizes of others would be those of a wrong curve
     decided = _contest(recorded, recorded.blocks, model)
     if decided is None:
         return tested
     if any(cause.name == _CURVE for cause in decided.causes):
-        curve = _other_curve(recorded, model, 1.0)
+        curve, _ = _other_curve(recorded, model, 1.0)
     if curve is not None:
         return replace(tested, causes=(*causes, curve))
     common, outstanding = decided.causes, decided.outstanding
@@ -198,12 +197,13 @@ def _usable(model: BlockModel, slopes: tuple[Float64, Float64]) -> Intp:
     return np.sort(np.random.default_rng(0).choice(usable, _BLOCKS, replace=False))
 
 
-def shape_of(model: BlockModel) -> Integrability:
-    """Return whether the normals of the blocks are those of a surface."""
-    grid = np.zeros((*model.shape, 3), np.float32)
-    grid.reshape(-1, 3)[model.places[model.valid]] = model.normals[model.valid]
-    normals = NormalMap.from_vectors(grid)
-    return integrability(normals.normals, normals.mask)
+def robust_normals(blocks: Blocks, lights: Lights, kept: Sequence[int]) -> NormalMap:
+    """Return the normals of all cells from some images."""
+    cells = blocks.cells
+    values = cells.values if len(kept) == len(lights) else cells.values[list(kept)]
+    return photometric_stereo(
+        values, lights.take(list(kept)), cells.mask, method="cauchy", points_mm=cells.points_mm
+    ).normal_map
 
 
 def _arranged(other: Arrangement, effect_deg: float) -> Cause:
@@ -223,7 +223,8 @@ def _arranged(other: Arrangement, effect_deg: float) -> Cause:
 def _unknown_order(shown: ShownLights) -> Cause:
     text = (
         f"the images fit each other to {shown.consistency:.1%}, but the lights only to "
-        f"{shown.residual:.0%} of the signal: the lights are probably in another order"
+        f"{shown.residual:.0%} of the signal: the lights are probably in another order than "
+        "the images"
     )
     remedy = "check the order of images and lights"
     effect = float(np.median(shown.error_deg))
@@ -258,11 +259,16 @@ def _is_turned(shape: Integrability) -> bool:
     return clear and shape.turned_curl < min(shape.curl, shape.other_curl)
 
 
-def _turned_about_axis(recorded: Recorded, model: BlockModel, shape: Integrability) -> list[Cause]:
+def _turned_about_axis(recorded: Recorded, model: BlockModel, wrong: Sequence[int]) -> list[Cause]:
     """Return the cause if all lights are turned about the line of sight.
 
     The images cannot show it; only the turned normals are not those of a surface.
     """
+    shape = recorded.shape
+    if wrong:
+        kept = [i for i in range(len(recorded.lights)) if i not in wrong]
+        others = robust_normals(recorded.blocks, recorded.lights, kept)
+        shape = integrability(others.normals, others.mask)
     if not _is_turned(shape):
         return []
     kind, size, sigma = KINDS["lights-turned"], shape.turn_deg, shape.turn_sigma_deg
@@ -295,48 +301,40 @@ def _of_images(found: Iterable[ImageFault], recorded: Recorded) -> Iterable[Caus
         )
 
 
-def _effect_without(recorded: Recorded, out: list[int]) -> float:
+def _effect_without(recorded: Recorded, out: Sequence[int]) -> float:
     """Return how much robust normals change without some images: rms, in degrees."""
-    cells, lights = recorded.blocks.cells, recorded.lights
-    kept = [i for i in range(len(lights)) if i not in out]
+    kept = [i for i in range(len(recorded.lights)) if i not in out]
     if len(kept) < _FEWEST_IMAGES:
         return float("nan")
-    every, others = (
-        photometric_stereo(
-            cells.values[some],
-            lights.take(some),
-            cells.mask,
-            method="cauchy",
-            points_mm=cells.points_mm,
-        ).normal_map
-        for some in (list(range(len(lights))), kept)
-    )
-    both = every.mask & others.mask
-    change = angle_deg(every.normals[both], others.normals[both])
+    others = robust_normals(recorded.blocks, recorded.lights, kept)
+    both = recorded.normals.mask & others.mask
+    change = angle_deg(recorded.normals.normals[both], others.normals[both])
     return float(np.sqrt(np.mean(change**2))) if both.any() else float("nan")
 
 
-def _other_curve(recorded: Recorded, model: BlockModel, better: float) -> Cause | None:
+def _other_curve(
+    recorded: Recorded, model: BlockModel, better: float
+) -> tuple[Cause | None, float]:
     """Return the cause if the images agree better with their lights under another transfer curve.
 
-    ``better`` is the residual with the other curve relative to that with the assumed one.
+    ``better`` is the residual with the other curve relative to that with the assumed one. The
+    residual is returned, too.
     """
     assumed = recorded.transfer
     if assumed is None:
-        return None
+        return None, np.nan
     other = SRGB if assumed == LINEAR else LINEAR
     signal = recorded.blocks.scale * recorded.strengths
     light = other.light(assumed.samples(recorded.blocks.samples * signal)) / signal
-    some = np.flatnonzero(model.valid)[:: max(1, np.count_nonzero(model.valid) // _SOME)]
-    # A wrong curve displaces the height of the surface: try the working plane as well.
-    points = model.points[some]
-    plane = light_vectors(recorded.lights, points * [1, 1, 0])
+    some = sparse_blocks(model)
+    rays = None if recorded.view is None else recorded.view.rise(model.points)
+    # A wrong curve displaces the height of the surface.
     before, after = (
-        min(residual_of(samples[some], vectors) for vectors in (model.vectors[some], plane))
+        mean_height(model, some, samples[some], recorded.lights, rays)[1]
         for samples in (recorded.blocks.samples, light)
     )
     if after > better * before:
-        return None
+        return None, after
     text = (
         f"read as {assumed.name}, the images deviate from the lights by {before:.1%}, but as "
         f"{other.name} only by {after:.1%}"
@@ -346,11 +344,10 @@ def _other_curve(recorded: Recorded, model: BlockModel, better: float) -> Cause 
     height = np.nan
     if recorded.pixel_mm is not None:
         block_mm = recorded.pixel_mm * recorded.blocks.size
-        rays = None if recorded.view is None else recorded.view.rise(model.points)
-        seen = np.where(np.isfinite(light), light, 0.0)[sparse_blocks(model)]
+        seen = np.where(np.isfinite(light), light, 0.0)[some]
         height = height_effect_mm(model, seen, recorded.lights, rays, block_mm)
-    remedy = f"{kind.remedy}: --gamma {other.name.lower()}"
-    return Cause(_CURVE, text, np.nan, "", np.nan, effect, height, remedy)
+    remedy = f"{kind.remedy}: {other.name}"
+    return Cause(_CURVE, text, np.nan, "", np.nan, effect, height, remedy), after
 
 
 def _angle_deg(one: BlockModel, other: BlockModel) -> float:

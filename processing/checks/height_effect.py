@@ -6,6 +6,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from acquisition import Lights
+from calibration import EstimateError
 from processing.checks.arrangement import residual_of
 from processing.checks.block_model import BlockModel, light_vectors
 from processing.maps.normal_map import NormalMap
@@ -32,7 +33,7 @@ def height_effect_mm(
     rays: Float64 | None,
     block_mm: float,
 ) -> float:
-    """Return the root mean square change of the heights.
+    """Return the root mean square change of the heights; NaN if there is no surface.
 
     Parameters
     ----------
@@ -54,31 +55,44 @@ def height_effect_mm(
     for scaled in (model.scaled_normals[blocks], moved):
         grid = np.zeros((*(-(-length // 2) for length in model.shape), 3), np.float32)
         grid[rows // 2, across // 2] = scaled
-        maps.append(integrate(NormalMap.from_vectors(grid)))
+        try:
+            maps.append(integrate(NormalMap.from_vectors(grid)))
+        except EstimateError:  # no two neighbours face the camera
+            return float("nan")
     both = maps[0].mask & maps[1].mask
     lower, upper = (each.height[both].astype(np.float64) for each in maps)
     relief = float(np.std(upper - lower)) * 2 * block_mm
     if rays is None or lights.positions_mm is None:
         return relief
-    some = slice(None, None, max(1, -(-len(blocks) // _BLOCKS)))
-    points, along = model.points[blocks[some]], rays[blocks[some]]
-    away = float(np.mean(np.linalg.norm(lights.positions_mm, axis=1)))
-
-    def mean_height(seen: Float64) -> float:
-        def residual(rise: float) -> float:
-            return residual_of(seen, light_vectors(lights, points + rise * along))
-
-        steps = np.linspace(-_RANGE, _RANGE, _STEPS) * away
-        best = int(np.argmin([residual(float(rise)) for rise in steps]))
-        bounds = float(steps[max(best - 1, 0)]), float(steps[min(best + 1, len(steps) - 1)])
-        found = minimize_scalar(
-            residual, bounds=bounds, method="bounded", options={"xatol": _EXACT * away}
-        )
-        return float(found.x)
-
-    measured = model.samples[blocks[some]] > 0
     before, after = (
-        mean_height(np.where(measured, seen[some], np.nan))
+        mean_height(model, blocks, seen, lights, rays)[0]
         for seen in (model.samples[blocks], samples)
     )
     return float(np.hypot(relief, after - before))
+
+
+def mean_height(
+    model: BlockModel, blocks: Intp, samples: Float64, lights: Lights, rays: Float64 | None
+) -> tuple[float, float]:
+    """Return the rise in mm at which samples of blocks fit their lights best, and the residual.
+
+    The surface does not rise under distant lights.
+    """
+    some = slice(None, None, max(1, -(-len(blocks) // _BLOCKS)))
+    points = model.points[blocks[some]]
+    seen = np.where(model.samples[blocks[some]] > 0, samples[some], np.nan)
+    if rays is None or lights.positions_mm is None:
+        return 0.0, residual_of(seen, light_vectors(lights, points))
+    along = rays[blocks[some]]
+    away = float(np.mean(np.linalg.norm(lights.positions_mm, axis=1)))
+
+    def residual(rise: float) -> float:
+        return residual_of(seen, light_vectors(lights, points + rise * along))
+
+    steps = np.linspace(-_RANGE, _RANGE, _STEPS) * away
+    best = int(np.argmin([residual(float(rise)) for rise in steps]))
+    bounds = float(steps[max(best - 1, 0)]), float(steps[min(best + 1, len(steps) - 1)])
+    found = minimize_scalar(
+        residual, bounds=bounds, method="bounded", options={"xatol": _EXACT * away}
+    )
+    return float(found.x), float(found.fun)

@@ -26,7 +26,7 @@ _MOST = 0.34
 _FEWEST_IMAGES = 6
 _STEPS = 5
 # Rows that belong to another image deviate in this share of each third of their width.
-# They are few, and rows beside them deviate less: shadows begin gradually.
+# They are few, and the next rows deviate less: shadows begin gradually.
 _DEVIATING, _QUIET = 0.5, 0.25
 _FEWEST_ROWS, _MOST_ROWS = 3, 0.5
 _IDENTICAL = 1e-8
@@ -249,7 +249,7 @@ class _Image:
         return found
 
     def _light(self) -> _Explained:
-        """Return how well any distant light beside the given one explains the image."""
+        """Return how well any change of its light vector explains the image."""
         model = self._model
         normals = model.scaled_normals / self._level[:, None]
         given = model.vectors[:, self._i]

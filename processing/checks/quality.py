@@ -12,12 +12,13 @@ import numpy as np
 from acquisition import DataError, Lights, TransferCurve
 from processing.checks.block_model import BlockModel, Blocks
 from processing.checks.derivatives import slopes_of
-from processing.checks.explanation import Explanation, Recorded, explain, shape_of
+from processing.checks.explanation import Explanation, Recorded, explain, robust_normals
 from processing.checks.shown_lights import shown_lights
 from processing.checks.verdict import Cause, Verdict
 from processing.images.block_means import Cells, cells_of
 from processing.images.recorded_images import Images
 from processing.images.viewing_rays import SurfacePoints, View
+from processing.surface.integrability_test import integrability
 from rig import Notice, short_repr
 from rig.arrays import Bool, Float64
 
@@ -28,7 +29,7 @@ _COMPARED = {"height-doubtful"}
 
 
 class Examined(NamedTuple):
-    """A recording whose normals are to be computed.
+    """A recording, before its normals are computed.
 
     Parameters
     ----------
@@ -204,15 +205,19 @@ def quality_of(examined: Examined) -> ImageQuality:
         means = cells_of(image[None], mask, None).values[0]
         return np.asarray(means.reshape(-1)[blocks.places] / blocks.scale, np.float64)
 
+    normals = robust_normals(blocks, lights, range(len(lights)))
+    shape = integrability(normals.normals, normals.mask)
     model = blocks.fit(lights)
-    shape, shown = shape_of(model), shown_lights(model)
+    shown = shown_lights(model)
     if strengths is None:
         strengths = np.ones(len(lights))
     detail = None
     part = _most_detailed(model, mask, cells)
     if part is not None:
         detail = Blocks(cells_of(images, part, points), pixel_mm)
-    recorded = Recorded(blocks, lights, strengths, view, pixel_mm, transfer, turned, detail)
+    recorded = Recorded(
+        blocks, lights, strengths, view, pixel_mm, transfer, normals, shape, turned, detail
+    )
     return ImageQuality(
         residual=shown.residual,
         consistency=shown.consistency,
@@ -222,7 +227,7 @@ def quality_of(examined: Examined) -> ImageQuality:
         light_gain=shown.gain,
         curl=shape.curl,
         ids=lights.ids,
-        explanation=explain(recorded, model, shape, shown),
+        explanation=explain(recorded, model, shown),
     )
 
 

@@ -20,7 +20,7 @@ _LEAST_RELIEF = 0.04
 _FEWEST_IMAGES, _FEWEST_CHECKED = 5, 8
 # Lights are in another order if two thirds of them are farther off, and the residual is larger than
 # this and this multiple of what any lights leave.
-_SHUFFLED_DEG, _SHUFFLED_RESIDUAL, _SHUFFLED_FACTOR = 20.0, 0.1, 1.5
+_SHUFFLED_DEG, _SHUFFLED_RESIDUAL, _SHUFFLED_FACTOR = 15.0, 0.1, 1.5
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -205,21 +205,39 @@ def compute_normals(
     """Compute normals and show the progress; a notice that an option answers names the option."""
     with Stages() as progress:
         made = stage.run(source, files, progress)
-    return replace(made, warnings=_with_answers(made.warnings))
-
-
-def _with_answers(warnings: Iterable[rig.Notice]) -> tuple[rig.Notice, ...]:
-    """Return notices that name the options which answer them."""
-    answers = {
-        "height-doubtful": "--height-mm, --rests-on-plane",
-        "height-not-determined": "--height-mm, --rests-on-plane",
-    }
-    return tuple(
-        replace(notice, text=f"{notice.text} ({answers[notice.code]})")
-        if notice.code in answers
-        else notice
-        for notice in warnings
+    verdict = made.verdict
+    causes = tuple(
+        replace(cause, remedy=_with_option(cause.name, cause.remedy)) for cause in verdict.causes
     )
+    warnings = tuple(
+        replace(notice, text=_with_option(notice.code, notice.text)) for notice in made.warnings
+    )
+    return replace(made, warnings=warnings, verdict=replace(verdict, causes=causes))
+
+
+_OPTIONS = {
+    "ambient-light": "--ambient estimate",
+    "brightness-gradient": "--semi-calibrated",
+    "light-brightness": "--semi-calibrated",
+    "lights-fading": "--semi-calibrated",
+    "lights-not-distant": "--light-distance-mm D or estimate",
+    "height-doubtful": "--height-mm, --rests-on-plane",
+    "height-not-determined": "--height-mm, --rests-on-plane",
+    "image-disagrees": "--exclude auto",
+    "image-duplicate": "--exclude auto",
+    "image-clipped": "--exclude auto",
+    "image-striped": "--exclude auto",
+    "light-moved": "--exclude auto",
+}
+
+
+def _with_option(code: str, text: str) -> str:
+    """Return a remedy or a notice with the option that answers it."""
+    option = _OPTIONS.get(code)
+    if code == "transfer-curve-doubtful":
+        curve = text.split()[-1].lower()
+        option = f"--gamma {curve}" if curve in ("srgb", "linear") else "--gamma"
+    return f"{text} ({option})" if option and text else text
 
 
 def not_used(folder: Path, names: Sequence[str]) -> rig.Notice:

@@ -78,9 +78,9 @@ def test_a_wrong_curve_is_a_warning_with_both_figures(sgp, photographs, tmp_path
     answer = sgp(*words, "--out", out, "--json").ok()
     (notice,) = [n for n in json.loads(answer.out)["notices"] if "curve" in n["code"]]
     assert (notice["code"], notice["severity"]) == ("transfer-curve-doubtful", "warning")
-    assert "read as linear (given), the images deviate" in notice["text"]
+    assert "read as linear, the images deviate" in notice["text"]
     assert notice["text"].count("%") == 2
-    assert notice["text"].endswith("check the transfer curve (--gamma srgb)")
+    assert notice["text"].endswith("state the transfer curve: sRGB (--gamma srgb)")
 
 
 @pytest.mark.parametrize(
