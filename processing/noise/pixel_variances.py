@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, cast
 
-import cv2
 import numpy as np
 
 from acquisition import CameraModel, Lights
 from calibration import StackNoise
+from processing.noise.around import sum_around
 from processing.noise.reference import PARTS
 from processing.noise.reference_solver import ReferenceSolver, row_blocks
 from processing.noise.sample_kind import Reason, SampleKind
@@ -358,7 +358,9 @@ def _agreement(chi2: Float32, free: Float32) -> Float32:
     chi2, free
         ``(H, W)`` sums of squares and their degrees of freedom, 0 without residuals.
     """
-    return np.asarray((_around(chi2) + _PRIOR) / (_around(free) + _PRIOR), np.float32)
+    return np.asarray(
+        (sum_around(chi2, _ACROSS) + _PRIOR) / (sum_around(free, _ACROSS) + _PRIOR), np.float32
+    )
 
 
 def model_errors(
@@ -395,10 +397,12 @@ def model_errors(
     total = noise + lights
     solved = total > 0
     share = np.divide(lights, total, out=np.zeros_like(total), where=solved)
-    pairs = _around(paired)
+    pairs = sum_around(paired, _ACROSS)
     # Errors of the lights are the same in all pixels.
     spread = 1 / np.sqrt(np.maximum(pairs, 1)) + share * np.sqrt(2 / np.maximum(free, 1))
-    alike = np.divide(_around(products), pairs, out=np.zeros_like(total), where=pairs > 0)
+    alike = np.divide(
+        sum_around(products, _ACROSS), pairs, out=np.zeros_like(total), where=pairs > 0
+    )
     excess = alike - share
     excess *= np.clip(excess / (_SIGMAS * spread) - 1, np.float32(0), np.float32(1))
     explained = np.minimum(_agreement(left, free) / _agreement(chi2, free), 1)
@@ -428,10 +432,3 @@ def common_error(sums: Float64, solved: Intp) -> float:
     """
     pixels = int(solved.sum())
     return (_COMMON * float(sums.sum()) / pixels) ** 2 if pixels else 0.0
-
-
-def _around(part: Float32) -> Float32:
-    found = cv2.boxFilter(
-        part, -1, (_ACROSS, _ACROSS), normalize=False, borderType=cv2.BORDER_CONSTANT
-    )
-    return np.asarray(found)

@@ -106,7 +106,10 @@ class NormalsMetrics(QualityMetrics):
         median over the pixels of the standard deviations of the normals; null if they are not known
     normal_sigma_common_deg : deg
         median of the part of them that all pixels have in common: errors of the lights and of the
-        mean height
+        mean height, and what the causes of the verdict do
+    lens_blur_px : px
+        standard deviation of the blur of the lens, if the detail of the normals shows it; otherwise
+        0.7 counts
     noise_from
         where the law of the noise is from, on which the standard deviations rest
     neighbour_correlation : -1..1
@@ -151,6 +154,7 @@ class NormalsMetrics(QualityMetrics):
     residual_rms: float | None
     normal_sigma_deg: NotRequired[float | None]
     normal_sigma_common_deg: NotRequired[float | None]
+    lens_blur_px: NotRequired[float]
     noise_from: NotRequired[Literal["sensor", "repeats", "residuals", "unknown"]]
     neighbour_correlation: NotRequired[float | None]
     samples: NotRequired[SampleShares]
