@@ -32,8 +32,9 @@ _WIDTHS_PX = np.exp(np.linspace(math.log(0.25), math.log(2.5), 47))
 # Pixels of a window, the first frequency, and fewest frequencies and windows that show a width.
 _WINDOW, _FIRST, _FEWEST, _FEWEST_WINDOWS = 32, 3, 7, 50
 _MOST_WINDOWS = 10_000
-# Frequencies count up to where the signal falls below this share of the noise.
-_SIGNAL = 0.5
+# Frequencies count up to where the signal falls below these shares of the noise and of the first
+# one: normals have unit length, and what keeps it so is no detail.
+_SIGNAL, _DETAIL = 0.5, 1e-5
 # A second blur removes detail, and a third one the share q of it. What the first one has removed is
 # that detail times (1 - q)^-(1 + q): exact for one low frequency, and about right for spectra that
 # fall as a power of the frequency.
@@ -128,15 +129,15 @@ def lens_blur(normals: MapRows, noise: MapRows, valid: Bool) -> LensBlur:
     >>> import cv2
     >>> import numpy as np
     >>> from processing.noise import lens_blur
-    >>> plates = np.random.default_rng(1).normal(size=(20, 20, 3)) + [0, 0, 3]
+    >>> plates = np.random.default_rng(1).normal(size=(20, 20, 3)) + [0, 0, 9]
     >>> edges = cv2.resize(plates, (200, 200), interpolation=cv2.INTER_NEAREST)
     >>> for width in (0.7, 1.4):
     ...     blurred = cv2.GaussianBlur(edges, (0, 0), width)
     ...     unit = blurred / np.linalg.norm(blurred, axis=2, keepdims=True)
     ...     noise, valid = np.full((200, 200), 1e-6), np.ones((200, 200), bool)
     ...     print(f"{lens_blur(unit, noise, valid).sigma_px:.1f}")
-    0.7
-    1.3
+    0.6
+    1.2
     """
     groups = _groups(valid)
     spectrum = _Spectrum(np.zeros(_WINDOW // 2 + 1), 0.0, 0)
@@ -196,7 +197,8 @@ def _spectrum(normals: Float32, noise: Float32, valid: Bool) -> _Spectrum:
 
 
 def _along_rows(normals: Float32, noise: Float32, valid: Bool) -> _Spectrum:
-    weight = np.hanning(_WINDOW + 2)[1:-1]
+    # Low frequencies leak little into high ones.
+    weight = np.hanning(_WINDOW + 2)[1:-1] ** 2
     rows, columns = _windows(np.ascontiguousarray(valid))
     at = columns[:, None] + np.arange(_WINDOW)
     values = np.asarray(normals[rows[:, None], at], np.float64)
@@ -226,7 +228,8 @@ def _width(spectrum: _Spectrum) -> tuple[float, bool]:
         return _USUAL_PX, False
     noise = spectrum.noise / spectrum.windows
     signal = spectrum.power / spectrum.windows - noise
-    hidden = np.flatnonzero(signal[_FIRST:-1] <= _SIGNAL * noise)
+    least = max(_SIGNAL * noise, _DETAIL * signal[_FIRST])
+    hidden = np.flatnonzero(signal[_FIRST:-1] <= least)
     last = _FIRST + (int(hidden[0]) if len(hidden) else len(signal) - 1 - _FIRST)
     if last - _FIRST < _FEWEST:
         return _USUAL_PX, False

@@ -13,10 +13,12 @@ from acquisition import CameraModel, DataError, Lights
 from calibration import StackNoise
 from calibration.radiance import check_linear
 from processing.noise.pixel_variances import (
+    ALIKE,
     Counts,
     Origin,
     PixelVariances,
     SolvedStack,
+    common_error,
     pixel_variances,
 )
 from processing.noise.sample_kind import Reason
@@ -43,9 +45,9 @@ class NormalUncertainty:
         both tangent directions together, at most `UNIFORM_DEG`; NaN where a pixel is not valid, and
         everywhere if the noise is unknown and the samples are too few to show it.
     common_sigma_deg
-        ``(H, W)`` float32, the part of it that is by the errors of lights and mean height, and by
-        a stated common error. All pixels have it in common: averages over pixels do not make it
-        smaller.
+        ``(H, W)`` float32, the part of it that is by the errors of lights and mean height, by the
+        surface as a whole if it is not matte, and by a stated common error. All pixels have it in
+        common: averages over pixels do not make it smaller.
     samples
         ``(6, H, W)`` number of samples of each `SampleKind`, uint8, or uint16 for more than 255
         lights; 0 outside the mask.
@@ -172,8 +174,9 @@ def as_uncertainty(found: PixelVariances, shared: float = 0.0) -> NormalUncertai
     """Return standard deviations in degrees from variances, of which one is shared by all."""
     valid = valid_reasons(found.reason, found.origin)
     common, total = sums_of(found)
-    common += np.float32(shared)
-    total += np.float32(found.common_model + shared)
+    by_model = common_error(found.sums)
+    common += np.float32(ALIKE * by_model + shared)
+    total += np.float32(by_model + shared)
     in_degrees(total, valid)
     in_degrees(common, valid)
     return NormalUncertainty(

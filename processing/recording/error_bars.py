@@ -13,7 +13,7 @@ from processing.checks.verdict import Verdict
 from processing.images.viewing_rays import View
 from processing.near.near_height import NearHeight
 from processing.noise.normal_errors import STRUCTURED, in_degrees, sums_of, valid_reasons
-from processing.noise.pixel_variances import Origin, PixelVariances, common_error, deviations
+from processing.noise.pixel_variances import SUMS, Origin, PixelVariances, common_error
 from processing.noise.sample_kind import Reason, SampleKind
 from processing.series.ambient_light import AmbientLight
 from processing.stereo.normals_and_albedo import severity_of_loss
@@ -37,8 +37,7 @@ def error_bar_forms(shape: tuple[int, ...], lights: int) -> dict[str, Form]:
         "noise": (shape, np.float32),
         "samples": ((height, len(SampleKind), width), np.uint8 if lights < 256 else np.uint16),
         "reason": (shape, np.uint8),
-        "deviations": ((height,), np.float64),
-        "deviating": ((height,), np.int64),
+        "sums": ((height, SUMS), np.float64),
     }
 
 
@@ -67,23 +66,19 @@ class ErrorBarMaps:
         if ambient is not None:
             shared = ambient.variance(normals)
             common, total = common + shared, total + shared
-        sums, solved = deviations(found.model[inside], (found.noise + found.lights)[inside])
         for name, values in (
             ("sigma", total[inside]),
             ("common_sigma", common[inside]),
             ("noise", found.noise[inside]),
             ("samples", found.samples[:, inside].swapaxes(0, 1)),
             ("reason", found.reason[inside]),
-            ("deviations", sums),
-            ("deviating", solved),
+            ("sums", found.sums[inside]),
         ):
             self._maps[name][rows] = values
 
     def common_variance(self) -> np.float32:
         """Return the variance that all pixels have besides their own, after all bands."""
-        maps = self._maps
-        return np.float32(common_error(maps["deviations"][:], maps["deviating"][:]))
-
+        return np.float32(common_error(self._maps["sums"][:]))
 
     def by_residuals(self, common: np.float32, origin: Origin) -> MapRows:
         """Return standard deviations in degrees, without what leaves no residual.

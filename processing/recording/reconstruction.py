@@ -24,7 +24,7 @@ from processing.noise.normal_errors import (
     in_degrees,
     valid_reasons,
 )
-from processing.noise.pixel_variances import Origin
+from processing.noise.pixel_variances import ALIKE, Origin
 from processing.noise.sample_kind import SampleKind
 from processing.series.ambient_light import AmbientLight
 from processing.series.light_distance import LightDistance
@@ -232,7 +232,9 @@ def finished_maps(
         "specular": where_valid("specular"),
         "used": store["used"],
         "normal_sigma_deg": deviations("sigma", of_model),
-        "normal_sigma_common_deg": deviations("common_sigma", lambda rows: np.float32(0)),
+        "normal_sigma_common_deg": deviations(
+            "common_sigma", lambda rows: np.float32(ALIKE) * common
+        ),
         "validity": store["reason"],
     }
     return maps | {f"samples_{kind.name.lower()}": counts(kind) for kind in SampleKind}
