@@ -51,7 +51,7 @@ class LightStrengths:
     sigmas
         ``(N,)`` relative standard deviations of the factors, from the scatter between pixels and
         between parts of the object. Under near lights whose height was found with the strengths,
-        they contain 1 % for the error of this height.
+        they contain 1 % for the error of this height, 7 % if the object is not matte.
     warnings
         Strengths that the images determine only roughly, and surfaces that are not matte.
     """

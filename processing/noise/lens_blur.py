@@ -139,7 +139,7 @@ def lens_blur(normals: MapRows, noise: MapRows, valid: Bool) -> LensBlur:
     0.6
     1.2
     """
-    groups = _groups(valid)
+    groups = rows_that_show(valid)
     spectrum = _Spectrum(np.zeros(_WINDOW // 2 + 1), 0.0, 0)
     for rows in groups:
         spectrum = spectrum.plus(_spectrum(normals[rows], noise[rows], valid[rows]))
@@ -178,8 +178,8 @@ class _Spectrum(NamedTuple):
         )
 
 
-def _groups(valid: Bool) -> list[slice]:
-    """Return rows that are read: all of a small object, else groups of them."""
+def rows_that_show(valid: Bool) -> list[slice]:
+    """Return rows that stand for those of an object: all of a small one, else groups of them."""
     inside = np.flatnonzero(valid.any(axis=1))
     first, last = int(inside[0]), int(inside[-1]) + 1
     count = max(1, _SAMPLE // (_GROUP * valid.shape[1]))

@@ -16,6 +16,7 @@ from processing.checks.verdict import Verdict
 from processing.maps.metrics import AngularError
 from processing.maps.normal_map import NormalMap
 from processing.near.near_height import NearHeight
+from processing.noise.inconsistency import Inconsistency
 from processing.noise.interreflection import reflected_variance
 from processing.noise.lens_blur import LensBlur
 from processing.noise.normal_errors import (
@@ -213,11 +214,21 @@ def finished_maps(
 
         return finished(name, finish)
 
+    inconsistent = Inconsistency.of(store["normals"], valid)
+
     def of_model(rows: slice) -> AnyArray:
-        reflected = reflected_variance(store["samples"], valid, rows)
-        if blur is None:
-            return reflected + common
-        return reflected + common + blur.variance(store["normals"], store["noise"], valid, rows)
+        own: Float32 = store["sigma"][rows]
+        found = np.full_like(own, common)
+        if common > 0:
+            # The more of the variance is by the model, the more of it goes with the curl.
+            rest = own - store["noise"][rows] - store["common_sigma"][rows]
+            by_model = np.maximum(rest, 0) + common
+            factor = inconsistent.factor(store["normals"], valid, rows) - np.float32(1)
+            found += by_model**2 / (own + common) * factor
+        found += reflected_variance(store["samples"], valid, rows)
+        if blur is not None:
+            found += blur.variance(store["normals"], store["noise"], valid, rows)
+        return found
 
     def counts(kind: SampleKind) -> ComputedRows:
         samples = store["samples"]

@@ -135,7 +135,7 @@ class NormalsMetrics(QualityMetrics):
         `--exclude auto`: images that were left out because others contradict them
     strength_sigma : 1
         `--semi-calibrated`: median of the relative standard deviations of the strengths, with 1 %
-        for the height if it was found with them
+        (7 % if the object is not matte) for the height if it was found with them
     light_distance_mm : mm
         `--light-distance-mm`: distance of the lights from the middle of the object
     light_distance_sigma_mm : mm

@@ -10,6 +10,7 @@ from acquisition import DataError, Lights, angle_deg
 from calibration import StackNoise
 from processing import photometric_stereo
 from processing.noise import UNIFORM_DEG, LensBlur, SampleKind, lens_blur, normal_uncertainty
+from processing.noise.inconsistency import Inconsistency
 from processing.noise.interreflection import reflected_variance
 from processing.recording.reconstruction import with_common_error
 from tests.processing.scenes import dome, half_ball
@@ -158,3 +159,21 @@ def test_a_common_error_is_in_both_deviations():
     assert np.nanmax(with_common_error(maps, 500.0)["normal_sigma_deg"][:]) == np.float32(
         UNIFORM_DEG
     )
+
+
+def test_errors_of_the_model_go_where_normals_contradict_each_other():
+    """A surface has no curl; a quarter of the map has normals that no surface has."""
+    valid = np.hypot(*(np.indices(SIZE) - 120.0)) < 105
+    y, x = np.indices(SIZE)
+    turned = 0.2 * np.sin(x / 9 + y / 5) * ((x < 120) & (y < 120))
+    slopes = np.dstack([0.1 * np.cos(x / 20), turned, 1 + 0 * turned])
+    given = (unit(slopes) * valid[..., None]).astype(np.float32)
+    found = Inconsistency.of(given, valid)
+    factor = found.factor(given, valid, WHOLE)
+    assert factor[valid].mean() == pytest.approx(1, rel=1e-4)
+    doubtful = valid & (turned != 0)
+    assert np.median(factor[doubtful]) > 3 * np.median(factor[valid & ~doubtful])
+    surface = unit(np.dstack([0.1 * np.cos(x / 20), 0 * turned, 1 + 0 * turned]))
+    assert Inconsistency.of(surface.astype(np.float32), valid).mean < 1e-6
+    for rows in (slice(0, 1), slice(33, 34), slice(100, 171)):
+        np.testing.assert_array_equal(found.factor(given, valid, rows), factor[rows])
