@@ -89,7 +89,9 @@ def heights(made: Reconstruction, given: Recording) -> str:
 def strengths(given: Recording) -> str:
     """Return actual and stated deviations of the strengths, percent."""
     with TemporaryDirectory() as folder:
-        made = given.reconstructed(Path(folder) / "images", Remedy(keywords={"semi_calibrated": True}))
+        made = given.reconstructed(
+            Path(folder) / "images", Remedy(keywords={"semi_calibrated": True})
+        )
     if made.strengths is None:
         return "no strengths"
     off = np.log(made.strengths.factors)
