@@ -65,7 +65,7 @@ from rig.arrays import Bool, Float32
 _FIXED = 450_000_000
 # Bytes per pixel: maps of a result in memory with what is computed of them, and what is in memory
 # while the maps are on disk (mask, one gray reference, and one image with what is computed of it).
-_MAPS = 130
+_MAPS = 134
 _ON_DISK = 14
 # Bytes per pixel of a band, besides the values of the images.
 _OF_BAND = 300
