@@ -13,10 +13,12 @@ from acquisition import CameraModel, DataError, Lights
 from calibration import StackNoise
 from calibration.radiance import check_linear
 from processing.noise.pixel_variances import (
+    ALIKE,
     Counts,
     Origin,
     PixelVariances,
     SolvedStack,
+    common_error,
     pixel_variances,
 )
 from processing.noise.sample_kind import Reason
@@ -43,8 +45,9 @@ class NormalUncertainty:
         both tangent directions together, at most `UNIFORM_DEG`; NaN where a pixel is not valid, and
         everywhere if the noise is unknown and the samples are too few to show it.
     common_sigma_deg
-        ``(H, W)`` float32, the part of it that is by the errors of lights and mean height. All
-        pixels have it in common: averages over pixels do not make it smaller.
+        ``(H, W)`` float32, the part of it that is by the errors of lights and mean height, by the
+        surface as a whole if it is not matte, and by a stated common error. All pixels have it in
+        common: averages over pixels do not make it smaller.
     samples
         ``(6, H, W)`` number of samples of each `SampleKind`, uint8, or uint16 for more than 255
         lights; 0 outside the mask.
@@ -83,6 +86,7 @@ def normal_uncertainty(
     camera: CameraModel | None = None,
     depth_sigma: float = 0.0,
     noise: StackNoise | None = None,
+    common_deg: float = 0.0,
     on_progress: Progress = no_progress,
 ) -> NormalUncertainty:
     """Return standard deviations of estimated normals, and classify the samples.
@@ -94,7 +98,8 @@ def normal_uncertainty(
     `Lights.errors`, to first order; a light without stated errors counts as exact. Where the
     residuals over 5 x 5 pixels exceed the law of the noise, the variance is larger in proportion.
     Where residuals are alike at pixels that are 4 px apart, the surface is not matte; the errors by
-    it are predicted to about a factor of 2 on most surfaces. With a known noise and a matte
+    it are predicted to about a factor of 2 on most surfaces. Errors by the blur of the lens are not
+    contained (see `lens_blur`). With a known noise and a matte
     surface, bands of rows that overlap by 2 rows give the values of the whole.
 
     Parameters
@@ -109,14 +114,17 @@ def normal_uncertainty(
     depth_sigma
         Relative standard deviation of the depths of the points from the camera, which all points
         have in common.
+    common_deg
+        Another error that all normals have in common, degrees: that of a mistake which the images
+        show or cannot exclude.
     on_progress
         Receives the stage ``error bars``, one step per pixel.
 
     Raises
     ------
     DataError
-        If shapes or counts differ, near lights have no points, or depths have errors and there is
-        no camera.
+        If shapes or counts differ, near lights have no points, depths have errors and there is no
+        camera, or the common error is negative.
 
     Examples
     --------
@@ -141,6 +149,10 @@ def normal_uncertainty(
             f"{stereo.albedo.shape} do not fit"
         )
     check_one_light_each(len(stack), lights)
+    if not common_deg >= 0:
+        raise DataError(
+            f"a common error of {common_deg:g} degrees is not a deviation: give 0 or more"
+        )
     if depth_sigma and camera is None:
         raise DataError("depths with errors require a camera")
     given = SolvedStack(
@@ -154,14 +166,17 @@ def normal_uncertainty(
         depth_sigma=depth_sigma,
         noise=noise,
     )
-    return as_uncertainty(pixel_variances(given, on_progress=on_progress))
+    found = pixel_variances(given, on_progress=on_progress)
+    return as_uncertainty(found, math.radians(common_deg) ** 2)
 
 
-def as_uncertainty(found: PixelVariances) -> NormalUncertainty:
-    """Return standard deviations in degrees from variances."""
+def as_uncertainty(found: PixelVariances, shared: float = 0.0) -> NormalUncertainty:
+    """Return standard deviations in degrees from variances, of which one is shared by all."""
     valid = valid_reasons(found.reason, found.origin)
     common, total = sums_of(found)
-    total += np.float32(found.common_model)
+    by_model = common_error(found.sums)
+    common += np.float32(ALIKE * by_model + shared)
+    total += np.float32(by_model + shared)
     in_degrees(total, valid)
     in_degrees(common, valid)
     return NormalUncertainty(

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, cast
 
-import cv2
 import numpy as np
 
 from acquisition import CameraModel, Lights
 from calibration import StackNoise
+from processing.noise.around import sum_around
 from processing.noise.reference import PARTS
 from processing.noise.reference_solver import ReferenceSolver, row_blocks
 from processing.noise.sample_kind import Reason, SampleKind
@@ -33,8 +35,18 @@ _SIGMAS = 4.0
 # deviation of the object that every pixel has besides its own: from simulated materials.
 _COHERENT = 1.6
 _COMMON = 0.7
+# The same of deviations that only the mean over the object shows: those of rough surfaces are so
+# broad that most of them turns normals and leaves no residual. No more than this many standard
+# deviations of the noise; larger ones show in each pixel.
+_BROAD = 6.0
+_HIDDEN = 2.0
 # Power of the share that a reflectance leaves.
 _LEFT = 3
+# Columns of `row_sums`.
+SUMS = 7
+# Share of the variance of `common_error` by which all normals turn alike: on simulated objects, the
+# mean of the errors by a rough surface is a third of their root mean square.
+ALIKE = 1 / 9
 # Where a law of the noise is from.
 Origin = Literal["sensor", "repeats", "residuals", "unknown"]
 # Pixels whose residuals show whether they are noise.
@@ -128,9 +140,10 @@ class PixelVariances:
         ``(H, W)`` variances of the direction of the reference by the noise, the errors of the
         lights, and that of the mean height. Noise and lights are scaled by the agreement of the
         residuals with them.
-    model, common_model
-        ``(H, W)`` variances where the surface is not matte, and the part of them that all pixels
-        have, see `model_errors` and `common_error`.
+    model
+        ``(H, W)`` variances where the surface is not matte, see `model_errors`.
+    sums
+        ``(H, SUMS)`` sums over rows, which show what all pixels have of them, see `row_sums`.
     difference
         ``(H, W)`` squared angles between the given normals and the reference.
     kept
@@ -149,7 +162,7 @@ class PixelVariances:
     lights: Float32
     height: Float32
     model: Float32
-    common_model: float
+    sums: Float64
     difference: Float32
     kept: Float32
     reference: Float32 | None
@@ -238,7 +251,7 @@ class VarianceMaps:
             of_lights * factor,
             height,
             model,
-            common_error(*deviations(model, of_noise + of_lights)),
+            row_sums(model, of_noise, of_lights, residuals),
             difference,
             kept,
             None if self._reference is None else self._reference.reshape(*shape, 3),
@@ -358,7 +371,9 @@ def _agreement(chi2: Float32, free: Float32) -> Float32:
     chi2, free
         ``(H, W)`` sums of squares and their degrees of freedom, 0 without residuals.
     """
-    return np.asarray((_around(chi2) + _PRIOR) / (_around(free) + _PRIOR), np.float32)
+    return np.asarray(
+        (sum_around(chi2, _ACROSS) + _PRIOR) / (sum_around(free, _ACROSS) + _PRIOR), np.float32
+    )
 
 
 def model_errors(
@@ -395,10 +410,12 @@ def model_errors(
     total = noise + lights
     solved = total > 0
     share = np.divide(lights, total, out=np.zeros_like(total), where=solved)
-    pairs = _around(paired)
+    pairs = sum_around(paired, _ACROSS)
     # Errors of the lights are the same in all pixels.
     spread = 1 / np.sqrt(np.maximum(pairs, 1)) + share * np.sqrt(2 / np.maximum(free, 1))
-    alike = np.divide(_around(products), pairs, out=np.zeros_like(total), where=pairs > 0)
+    alike = np.divide(
+        sum_around(products, _ACROSS), pairs, out=np.zeros_like(total), where=pairs > 0
+    )
     excess = alike - share
     excess *= np.clip(excess / (_SIGMAS * spread) - 1, np.float32(0), np.float32(1))
     explained = np.minimum(_agreement(left, free) / _agreement(chi2, free), 1)
@@ -407,31 +424,44 @@ def model_errors(
     return np.asarray(own**2, np.float32), np.asarray(kept, np.float32)
 
 
-def deviations(model: Float32, total: Float32) -> tuple[Float64, Intp]:
-    """Return sums ``(H,)`` of deviations over rows, and numbers ``(H,)`` of pixels with a solution.
+def row_sums(
+    model: Float32, noise: Float32, lights: Float32, residuals: Sequence[Float32]
+) -> Float64:
+    """Return sums over rows ``(H, SUMS)`` for `common_error`.
+
+    They are the standard deviations of the model, pixels with a solution, variances by noise and
+    lights, those by lights, degrees of freedom, products of neighbours and their degrees of
+    freedom.
 
     Parameters
     ----------
     model
         ``(H, W)`` variances of `model_errors`.
-    total
-        ``(H, W)`` variances by noise and lights, 0 where there is no solution.
+    noise, lights, residuals
+        The arguments of `model_errors`, all of them.
     """
-    return np.sqrt(model).sum(axis=1, dtype=np.float64), np.count_nonzero(total > 0, axis=1)
+    _, free, _, products, paired = residuals
+    total = noise + lights
+    parts = np.sqrt(model), total > 0, total, lights, free, products, paired
+    return np.stack([part.sum(axis=1, dtype=np.float64) for part in parts], axis=1)
 
 
-def common_error(sums: Float64, solved: Intp) -> float:
-    """Return the variance that every pixel has besides its own, from all rows of `deviations`.
+def common_error(sums: Float64) -> float:
+    """Return the variance that every pixel has besides its own, from all rows of `row_sums`.
 
     It is from the mean deviation of the object, because the part of a broad highlight that is
-    linear in the direction of the light turns normals and leaves no residual.
+    linear in the direction of the light turns normals and leaves no residual. Deviations below the
+    noise of a pixel show in the mean product of all neighbours.
     """
-    pixels = int(solved.sum())
-    return (_COMMON * float(sums.sum()) / pixels) ** 2 if pixels else 0.0
-
-
-def _around(part: Float32) -> Float32:
-    found = cv2.boxFilter(
-        part, -1, (_ACROSS, _ACROSS), normalize=False, borderType=cv2.BORDER_CONSTANT
-    )
-    return np.asarray(found)
+    own, pixels, total, lights, free, products, paired = sums.sum(axis=0)
+    if not pixels:
+        return 0.0
+    shown = (_COMMON * own / pixels) ** 2
+    if not (paired and total):
+        return float(shown)
+    share = lights / total
+    spread = 1 / math.sqrt(paired) + share * math.sqrt(2 * pixels / free)
+    excess = products / paired - share
+    excess *= min(max(excess / (_SIGMAS * spread) - 1, 0.0), 1.0)
+    hidden = total / pixels * min(_BROAD * excess * (free / pixels + 3), _HIDDEN**2)
+    return float(max(shown, hidden))

@@ -142,7 +142,7 @@ class GraySolver:
         Method of `photometric_stereo`.
     maps
         Maps of the forms of `map_forms`, and ``first`` and ``last``, the images of these lights, if
-        they are there. The first two maps of error bars hold variances.
+        they are there. The first three maps of error bars hold variances.
     """
 
     colour: ClassVar[bool] = False

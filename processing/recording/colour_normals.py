@@ -24,8 +24,6 @@ from processing.noise.pixel_variances import (
     PixelVariances,
     Shown,
     SolvedStack,
-    common_error,
-    deviations,
     origin_of,
     pixel_variances,
     shown_by,
@@ -176,12 +174,15 @@ def _averaged(found: list[PixelVariances], normals: Float32) -> PixelVariances:
     reason = np.where(valid, np.uint8(Reason.VALID), reasons.max(axis=0))
     known = [one.origin for one in found if one.origin != "unknown"]
     lights, height, model = lights**2, height**2, model**2
+    sums = np.mean([one.sums for one in found], axis=0)
+    sums[:, 0] = np.sqrt(model).sum(axis=1, dtype=np.float64)
+    sums[:, 1] = np.count_nonzero(noise + lights, axis=1)
     return PixelVariances(
         noise,
         lights,
         height,
         model,
-        common_error(*deviations(model, noise + lights)),
+        sums,
         np.asarray(angle**2, np.float32),
         kept,
         None,

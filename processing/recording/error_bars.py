@@ -6,13 +6,14 @@ import math
 
 import numpy as np
 
-from acquisition import CameraModel
-from acquisition.files import Form, Maps
+from acquisition import CameraModel, MapRows
+from acquisition.files import ComputedRows, Form, Maps
 from calibration import EstimateError
+from processing.checks.verdict import Verdict
 from processing.images.viewing_rays import View
 from processing.near.near_height import NearHeight
-from processing.noise.normal_errors import STRUCTURED, sums_of
-from processing.noise.pixel_variances import Origin, PixelVariances, common_error, deviations
+from processing.noise.normal_errors import STRUCTURED, in_degrees, sums_of, valid_reasons
+from processing.noise.pixel_variances import SUMS, Origin, PixelVariances, common_error
 from processing.noise.sample_kind import Reason, SampleKind
 from processing.series.ambient_light import AmbientLight
 from processing.stereo.normals_and_albedo import severity_of_loss
@@ -33,10 +34,10 @@ def error_bar_forms(shape: tuple[int, ...], lights: int) -> dict[str, Form]:
     return {
         "sigma": (shape, np.float32),
         "common_sigma": (shape, np.float32),
+        "noise": (shape, np.float32),
         "samples": ((height, len(SampleKind), width), np.uint8 if lights < 256 else np.uint16),
         "reason": (shape, np.uint8),
-        "deviations": ((height,), np.float64),
-        "deviating": ((height,), np.int64),
+        "sums": ((height, SUMS), np.float64),
     }
 
 
@@ -46,7 +47,7 @@ class ErrorBarMaps:
     Parameters
     ----------
     maps
-        Maps of the forms of `error_bar_forms`. The first two hold variances.
+        Maps of the forms of `error_bar_forms`. The first three hold variances.
     """
 
     def __init__(self, maps: Maps) -> None:
@@ -65,21 +66,39 @@ class ErrorBarMaps:
         if ambient is not None:
             shared = ambient.variance(normals)
             common, total = common + shared, total + shared
-        sums, solved = deviations(found.model[inside], (found.noise + found.lights)[inside])
         for name, values in (
             ("sigma", total[inside]),
             ("common_sigma", common[inside]),
+            ("noise", found.noise[inside]),
             ("samples", found.samples[:, inside].swapaxes(0, 1)),
             ("reason", found.reason[inside]),
-            ("deviations", sums),
-            ("deviating", solved),
+            ("sums", found.sums[inside]),
         ):
             self._maps[name][rows] = values
 
     def common_variance(self) -> np.float32:
         """Return the variance that all pixels have besides their own, after all bands."""
+        return np.float32(common_error(self._maps["sums"][:]))
+
+    def by_residuals(self, common: np.float32, origin: Origin) -> MapRows:
+        """Return standard deviations in degrees, without what leaves no residual.
+
+        Parameters
+        ----------
+        common
+            Variance that all pixels have besides their own.
+        origin
+            Where the law of the noise is from.
+        """
         maps = self._maps
-        return np.float32(common_error(maps["deviations"][:], maps["deviating"][:]))
+
+        def computed(rows: slice) -> Float32:
+            variances: Float32 = maps["sigma"][rows] + common
+            in_degrees(variances, valid_reasons(maps["reason"][rows], origin))
+            return variances
+
+        shape = maps["sigma"].shape
+        return ComputedRows(shape, np.dtype(np.float32), computed)
 
 
 def depth_deviation(
@@ -89,6 +108,12 @@ def depth_deviation(
     if view is None or near is None or not math.isfinite(near.mean_height_sigma_mm):
         return None, 0.0
     return view.depth_error(near.mean_height_sigma_mm, float(near.depth[mask].mean()))
+
+
+def common_deg_of(verdict: Verdict) -> float:
+    """Return what the causes of a verdict do to the normals, which no pixel averages away."""
+    effects = [cause.normals_deg for cause in verdict.causes if math.isfinite(cause.normals_deg)]
+    return math.hypot(*effects)
 
 
 def check_any_valid(kept: Bool, reason: UInt8, solved: Bool) -> None:

@@ -61,8 +61,8 @@ _UNSETTLED_MM = 5.0
 # Notices about the height that say that images and lights contradict each other.
 _CAUSES = ("height-contradicted", "height-doubtful")
 # Relative error of strengths by that of a height that is found with them: on simulated objects it
-# is .05 to 1.2 %, and ten times what residuals show.
-_BY_HEIGHT = 0.01
+# is .05 to 1.2 %, and ten times what residuals show; on four that are not matte, 3 to 9 %.
+_BY_HEIGHT, _BY_GLOSSY_HEIGHT = 0.01, 0.07
 
 
 # Distance of lights that have only directions, mm.
@@ -376,7 +376,10 @@ class Examination:
                     "height of the object: state the height, use an object with more relief, or "
                     "calibrate the strengths"
                 )
-        return strengths if search is None else strengths.less_certain(_BY_HEIGHT)
+        if search is None:
+            return strengths
+        glossy = any(notice.code == "strengths-not-matte" for notice in strengths.warnings)
+        return strengths.less_certain(_BY_GLOSSY_HEIGHT if glossy else _BY_HEIGHT)
 
     def _find_height(self) -> None:
         self.near, self.points = self._heights.of(self.images, self.lights)

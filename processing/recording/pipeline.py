@@ -26,6 +26,7 @@ from processing.images.mosaic import albedo_of_sites, gray_picture
 from processing.images.viewing_rays import Perspective
 from processing.maps.metrics import AngularError, angular_error
 from processing.maps.normal_map import NormalMap
+from processing.noise.lens_blur import lens_blur
 from processing.noise.sample_kind import Reason
 from processing.recording.banded_normals import (
     GraySolver,
@@ -37,6 +38,7 @@ from processing.recording.colour_normals import ColourSolver
 from processing.recording.error_bars import (
     ErrorBarMaps,
     check_any_valid,
+    common_deg_of,
     validity_notices,
 )
 from processing.recording.examination import (
@@ -46,7 +48,11 @@ from processing.recording.examination import (
     examination_of,
     geometry_of,
 )
-from processing.recording.reconstruction import Reconstruction, finished_maps
+from processing.recording.reconstruction import (
+    Reconstruction,
+    finished_maps,
+    with_common_error,
+)
 from processing.series.light_distance import LightDistance
 from processing.stages.stage import Need
 from processing.stereo.method import Method, StereoChannel
@@ -59,7 +65,7 @@ from rig.arrays import Bool, Float32
 _FIXED = 450_000_000
 # Bytes per pixel: maps of a result in memory with what is computed of them, and what is in memory
 # while the maps are on disk (mask, one gray reference, and one image with what is computed of it).
-_MAPS = 130
+_MAPS = 134
 _ON_DISK = 14
 # Bytes per pixel of a band, besides the values of the images.
 _OF_BAND = 300
@@ -234,9 +240,16 @@ class NormalsStage:
                 )
             shown = self._solve(examined, maps, files, colours, on_progress)
             valid, notices = _valid_pixels(maps, examined)
-            made = finished_maps(maps, valid, ErrorBarMaps(maps).common_variance(), shown.origin)
+            known = shown.origin != "unknown"
+            blur = lens_blur(maps["normals"], maps["noise"], valid) if known else None
+            bars = ErrorBarMaps(maps)
+            common = bars.common_variance()
+            by_residuals = _median(bars.by_residuals(common, shown.origin))
+            made = finished_maps(maps, valid, common, shown.origin, blur)
             check_facing(source, _sum_of_z(made["normals"], valid))
-            verdict = examined.verdict(quality, _median(made["normal_sigma_deg"]))
+            # A blur leaves no residual, so it is no reason to doubt or to excuse one.
+            verdict = examined.verdict(quality, by_residuals)
+            made = with_common_error(made, common_deg_of(verdict))
             warnings = (
                 *source.warnings,
                 *setup_notices(source),
@@ -276,6 +289,7 @@ class NormalsStage:
             strengths=strengths,
             light_distance=light_distance,
             ambient=ambient,
+            blur=blur,
             error=_error(source, made["normals"], valid, mask),
             previews=previews,
             near_height=near,

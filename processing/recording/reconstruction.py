@@ -16,8 +16,16 @@ from processing.checks.verdict import Verdict
 from processing.maps.metrics import AngularError
 from processing.maps.normal_map import NormalMap
 from processing.near.near_height import NearHeight
-from processing.noise.normal_errors import NormalUncertainty, in_degrees, valid_reasons
-from processing.noise.pixel_variances import Origin
+from processing.noise.inconsistency import Inconsistency
+from processing.noise.interreflection import reflected_variance
+from processing.noise.lens_blur import LensBlur
+from processing.noise.normal_errors import (
+    UNIFORM_DEG,
+    NormalUncertainty,
+    in_degrees,
+    valid_reasons,
+)
+from processing.noise.pixel_variances import ALIKE, Origin
 from processing.noise.sample_kind import SampleKind
 from processing.series.ambient_light import AmbientLight
 from processing.series.light_distance import LightDistance
@@ -75,6 +83,8 @@ class Reconstruction:
         stated or estimated; `source` and `lights` have their positions.
     ambient
         The constant light that was subtracted; None if it was not estimated.
+    blur
+        The blur of the lens that the normals show; None if the noise is unknown.
     """
 
     source: Source
@@ -96,6 +106,7 @@ class Reconstruction:
     surface: HeightMap | None = None
     light_distance: LightDistance | None = None
     ambient: AmbientLight | None = None
+    blur: LensBlur | None = None
 
     @cached_property
     def normals(self) -> NormalMap:
@@ -155,7 +166,11 @@ class Reconstruction:
 
 
 def finished_maps(
-    store: MemoryMaps | BandStore, valid: Bool, common: np.float32, origin: Origin
+    store: MemoryMaps | BandStore,
+    valid: Bool,
+    common: np.float32,
+    origin: Origin,
+    blur: LensBlur | None,
 ) -> dict[str, MapRows]:
     """Return the maps of a result from what the solver wrote.
 
@@ -171,6 +186,8 @@ def finished_maps(
         Variance that all pixels have besides their own.
     origin
         Where the law of the noise is from.
+    blur
+        The blur of the lens; None if the noise is unknown.
     """
 
     def finished(name: str, finish: Callable[[AnyArray, slice], AnyArray]) -> MapRows:
@@ -189,13 +206,29 @@ def finished_maps(
 
         return finished(name, finish)
 
-    def deviations(name: str, besides: np.float32) -> MapRows:
+    def deviations(name: str, besides: Callable[[slice], AnyArray | np.float32]) -> MapRows:
         def finish(values: AnyArray, rows: slice) -> AnyArray:
-            variances = values + besides
+            variances = values + besides(rows)
             in_degrees(variances, valid_reasons(store["reason"][rows], origin))
             return variances
 
         return finished(name, finish)
+
+    inconsistent = Inconsistency.of(store["normals"], valid)
+
+    def of_model(rows: slice) -> AnyArray:
+        own: Float32 = store["sigma"][rows]
+        found = np.full_like(own, common)
+        if common > 0:
+            # The more of the variance is by the model, the more of it goes with the curl.
+            rest = own - store["noise"][rows] - store["common_sigma"][rows]
+            by_model = np.maximum(rest, 0) + common
+            factor = inconsistent.factor(store["normals"], valid, rows) - np.float32(1)
+            found += by_model**2 / (own + common) * factor
+        found += reflected_variance(store["samples"], valid, rows)
+        if blur is not None:
+            found += blur.variance(store["normals"], store["noise"], valid, rows)
+        return found
 
     def counts(kind: SampleKind) -> ComputedRows:
         samples = store["samples"]
@@ -209,8 +242,27 @@ def finished_maps(
         "residual": where_valid("residual"),
         "specular": where_valid("specular"),
         "used": store["used"],
-        "normal_sigma_deg": deviations("sigma", common),
-        "normal_sigma_common_deg": deviations("common_sigma", np.float32(0)),
+        "normal_sigma_deg": deviations("sigma", of_model),
+        "normal_sigma_common_deg": deviations(
+            "common_sigma", lambda rows: np.float32(ALIKE) * common
+        ),
         "validity": store["reason"],
     }
     return maps | {f"samples_{kind.name.lower()}": counts(kind) for kind in SampleKind}
+
+
+def with_common_error(maps: Mapping[str, MapRows], common_deg: float) -> dict[str, MapRows]:
+    """Return the maps of a result whose normals have another error in common, in degrees."""
+
+    def more(name: str) -> MapRows:
+        file, limit = maps[name], np.float32(UNIFORM_DEG)
+        return ComputedRows(
+            file.shape,
+            file.dtype,
+            lambda rows: np.minimum(np.hypot(file[rows], np.float32(common_deg)), limit),
+        )
+
+    if common_deg == 0:
+        return dict(maps)
+    changed = ("normal_sigma_deg", "normal_sigma_common_deg")
+    return dict(maps) | {name: more(name) for name in changed}

@@ -63,7 +63,9 @@ _READ = 32_000_000
 
 def add_uncertainty(metrics: NormalsMetrics, stage: processing.Reconstruction) -> None:
     """Add the medians of the standard deviations, and the shares of the kinds of samples."""
-    metrics["normal_sigma_deg"] = stage.verdict.sigma_deg
+    metrics["normal_sigma_deg"] = _median(stage.maps["normal_sigma_deg"])
+    if stage.blur is not None and stage.blur.shown:
+        metrics["lens_blur_px"] = stage.blur.sigma_px
     metrics["normal_sigma_common_deg"] = _median(stage.maps["normal_sigma_common_deg"])
     metrics["noise_from"] = stage.noise
     metrics["neighbour_correlation"] = stage.neighbour_correlation

@@ -106,7 +106,10 @@ class NormalsMetrics(QualityMetrics):
         median over the pixels of the standard deviations of the normals; null if they are not known
     normal_sigma_common_deg : deg
         median of the part of them that all pixels have in common: errors of the lights and of the
-        mean height
+        mean height, and what the causes of the verdict do
+    lens_blur_px : px
+        standard deviation of the blur of the lens, if the detail of the normals shows it; otherwise
+        0.7 counts
     noise_from
         where the law of the noise is from, on which the standard deviations rest
     neighbour_correlation : -1..1
@@ -132,7 +135,7 @@ class NormalsMetrics(QualityMetrics):
         `--exclude auto`: images that were left out because others contradict them
     strength_sigma : 1
         `--semi-calibrated`: median of the relative standard deviations of the strengths, with 1 %
-        for the height if it was found with them
+        (7 % if the object is not matte) for the height if it was found with them
     light_distance_mm : mm
         `--light-distance-mm`: distance of the lights from the middle of the object
     light_distance_sigma_mm : mm
@@ -151,6 +154,7 @@ class NormalsMetrics(QualityMetrics):
     residual_rms: float | None
     normal_sigma_deg: NotRequired[float | None]
     normal_sigma_common_deg: NotRequired[float | None]
+    lens_blur_px: NotRequired[float]
     noise_from: NotRequired[Literal["sensor", "repeats", "residuals", "unknown"]]
     neighbour_correlation: NotRequired[float | None]
     samples: NotRequired[SampleShares]
