@@ -15,7 +15,6 @@ from calibration import EstimateError, Stack
 from processing.checks.curve_check import curve_warnings
 from processing.checks.judge import Examined, judge
 from processing.checks.quality import ImageQuality, quality_of
-from processing.checks.scheme_check import exclusion
 from processing.checks.strengths import (
     LightStrengths,
     light_strengths,
@@ -36,6 +35,7 @@ from processing.images.viewing_rays import (
 from processing.maps.mask import mask_of_images
 from processing.near.mean_height_search import HeightWithStrengths
 from processing.near.near_height import Heights, NearHeight, height_limits
+from processing.recording.repairs import Repairs, repairs_of
 from processing.series.ambient_light import AmbientLight, find_ambient_light
 from processing.series.light_distance import LightDistance, find_light_distance
 from processing.stereo.frames import Frames
@@ -236,6 +236,7 @@ class Examination:
         self.light_distance: LightDistance | None = None
         self.ambient: AmbientLight | None = None
         self.excluded: tuple[str, ...] = ()
+        self.rescaled: dict[str, float] = {}
         self.warnings: list[Notice] = []
         self._doubts: list[Notice] = []
         self.mask = mask
@@ -319,14 +320,18 @@ class Examination:
         self.warnings += self.strengths.warnings
 
     def check(self, *, exclude_disagreeing: bool) -> ImageQuality:
-        """Test whether images, lights and normals agree; leave out images that do not."""
+        """Test whether images, lights and normals agree; repair or leave out images that do not."""
         quality = self._quality()
         if exclude_disagreeing:
-            kept = quality.scheme.agreeing(len(self.lights))
-            self.excluded = tuple(name for i, name in enumerate(self.lights.ids) if i not in kept)
-            self.warnings += exclusion(quality.scheme, self.lights.ids)
+            repairs, ids = repairs_of(quality.scheme), self.lights.ids
+            if repairs.factors:
+                repairs = self._rescaled(repairs)
+            self.warnings += repairs.notices(ids)
+            self.excluded = tuple(ids[i] for i in repairs.left_out)
+            self.rescaled = {ids[i]: factor for i, factor in repairs.factors.items()}
             if self.excluded:
-                self._take(kept)
+                self._take(repairs.kept(len(ids)))
+            if self.excluded or self.rescaled:
                 self._find_height()
                 quality = self._quality()
         for notice in () if self.near is None else self.near.warnings:
@@ -346,6 +351,33 @@ class Examination:
 
     def _take(self, kept: Sequence[int]) -> None:
         self.images, self.lights = self.images.take(kept), self.lights.take(list(kept))
+
+    def _rescaled(self, repairs: Repairs) -> Repairs:
+        """Divide images by the strengths that they show; return the repairs with these factors.
+
+        If some strengths are not as stated, those of all lights are fitted, so that they agree.
+        """
+        sample, kept = self.sample(), repairs.kept(len(self.lights))
+        try:
+            found = light_strengths(
+                sample.values[kept],
+                self.lights.take(kept),
+                sample.mask,
+                points_mm=sample.of(self.points),
+            )
+        except EstimateError:  # only the images that are far off
+            factors = repairs.scales(len(self.lights))
+        else:
+            right = np.array([i not in repairs.factors for i in kept])
+            factors = np.ones(len(self.lights))
+            factors[kept] = found.factors / np.median(found.factors[right])
+            repairs = replace(repairs, factors={i: float(factors[i]) for i in repairs.factors})
+        self.images = self.images.divided(factors)
+        intensities = np.asarray(self.lights.intensities) * factors[:, None]
+        self.lights = replace(self.lights, intensities=intensities)
+        given = with_strengths(self.source.lights, self.lights)
+        self.source = replace(self.source, lights=given)
+        return repairs
 
     def _divided(self) -> LightStrengths:
         """Divide the images by the strengths that they show."""

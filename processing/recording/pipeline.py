@@ -136,8 +136,9 @@ class NormalsStage:
         ``estimate``: find a constant light that is in all images, such as that of the room, and
         subtract it, see `find_ambient_light`.
     exclude_disagreeing
-        Leave out images that the other images contradict (see `image_quality`), unless so many do
-        that it is not known which are right.
+        Leave out images that the other images contradict (see `image_quality`), and divide those
+        by a factor of which only the brightness is wrong, unless so many do that it is not known
+        which are right.
     semi_calibrated
         Estimate the strengths of the lights, relative to given intensities; see `light_strengths`.
 
@@ -250,6 +251,7 @@ class NormalsStage:
             source, lights, near = examined.source, examined.lights, examined.near
             points, used = examined.points, examined.images.ids
             strengths, excluded = examined.strengths, examined.excluded
+            rescaled = examined.rescaled
             light_distance, ambient = examined.light_distance, examined.ambient
             del examined  # by far the largest arrays; what follows does not need them
         if pattern is not None:
@@ -276,6 +278,7 @@ class NormalsStage:
             strengths=strengths,
             light_distance=light_distance,
             ambient=ambient,
+            rescaled=rescaled,
             error=_error(source, made["normals"], valid, mask),
             previews=previews,
             near_height=near,
@@ -395,8 +398,9 @@ def reconstruct(
         ``estimate``: find a constant light that is in all images, such as that of the room, and
         subtract it, see `find_ambient_light`.
     exclude_disagreeing
-        Leave out images that the other images contradict (see `image_quality`), unless so many do
-        that it is not known which are right.
+        Leave out images that the other images contradict (see `image_quality`), and divide those
+        by a factor of which only the brightness is wrong, unless so many do that it is not known
+        which are right.
     semi_calibrated
         Estimate the strengths of the lights, relative to given intensities; see `light_strengths`.
     surface

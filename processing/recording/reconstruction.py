@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -75,6 +75,9 @@ class Reconstruction:
         stated or estimated; `source` and `lights` have their positions.
     ambient
         The constant light that was subtracted; None if it was not estimated.
+    rescaled
+        Images that were divided by a factor because only their brightness is wrong, with the
+        factor; `source` and `lights` have the intensities times it.
     """
 
     source: Source
@@ -96,6 +99,7 @@ class Reconstruction:
     surface: HeightMap | None = None
     light_distance: LightDistance | None = None
     ambient: AmbientLight | None = None
+    rescaled: Mapping[str, float] = field(default_factory=dict)
 
     @cached_property
     def normals(self) -> NormalMap:
