@@ -256,6 +256,7 @@ class Examination:
         found = find_light_distance(self.images, self.lights, self.mask, view, middle)
         near = found.lights(lights_of(self.source, distant=False), middle)
         self.source, self.light_distance = replace(self.source, lights=near), found
+        self.warnings += found.warnings
         self.lights = near.take([near.ids.index(name) for name in self.lights.ids])
 
     def find_ambient(self) -> None:

@@ -14,6 +14,7 @@ from processing.images.recorded_images import Images
 from processing.images.viewing_rays import Parallel, View
 from processing.series.series_fit import Parameter, SeriesCells, SharedModel
 from processing.stereo.light_model import check_one_light_each
+from rig import Notice
 from rig.arrays import Bool, Float64
 
 # Reciprocal distances that are tried, and the largest one, relative to that of half of the object.
@@ -29,9 +30,9 @@ _CAMERA, _CAMERA_SIGMA = 0.15, 0.08
 # not known. Relative error that is left on simulated objects, and that of the reciprocal distance
 # times the radius of the object, of all objects and by what the reflectance adds: a slight fall-off
 # looks like another reflectance.
-_SHAPE, _LEFT, _FALL_OFF, _REFLECTED = 0.1, 0.025, 0.002, 0.12
-# A larger relative standard deviation is refused, and standard deviations of a range.
-_UNKNOWN = 0.2
+_SHAPE, _LEFT, _FALL_OFF, _REFLECTED = 0.15, 0.025, 0.002, 0.12
+# Relative standard deviations that are reported and refused, and standard deviations of a range.
+_UNCERTAIN, _UNKNOWN = 0.1, 0.2
 _RANGE = 2.0
 _LEAST_COSINE = 1e-3
 
@@ -53,6 +54,18 @@ class LightDistance:
     sigma_mm: float = 0.0
     mu: float = 0.0
     mu_sigma: float = 0.0
+
+    @property
+    def warnings(self) -> tuple[Notice, ...]:
+        """A warning if the distance is known only roughly."""
+        if self.sigma_mm <= _UNCERTAIN * self.distance_mm:
+            return ()
+        near, sigma = 1 / self.distance_mm, self.sigma_mm / self.distance_mm**2
+        text = (
+            "the images determine the distance of the lights only roughly: it is "
+            f"{_range(near, sigma)}; measure and state it"
+        )
+        return (Notice("light-distance-uncertain", text),)
 
     def lights(self, lights: Lights, middle_mm: npt.ArrayLike = (0.0, 0.0, 0.0)) -> Lights:
         """Return lights with directions at this distance, see `Lights.at_distance`.
@@ -86,8 +99,8 @@ def find_light_distance(
     1/D, the radiation pattern of the lamps, the mean height of the object and its reflectance are
     fitted together with normals, albedo and shape, with Cauchy weights, from several values of 1/D
     that include distant lights; without a camera, so is the distance from which the object is seen.
-    The standard deviation contains the scatter between parts of the object, a tenth of its heights,
-    a share of its gloss, and what is left on simulated objects.
+    The standard deviation contains the scatter between parts of the object, a share of its heights
+    and of its gloss, and what is left on simulated objects.
 
     Parameters
     ----------
@@ -157,10 +170,14 @@ def find_light_distance(
 
 
 def _not_determined(near: float, sigma: float) -> str:
-    least, most = near - _RANGE * sigma, near + _RANGE * sigma
-    further = f"to {1 / least:.0f} mm" if least > 0 else "or at any larger distance"
     return (
         "the images do not determine the distance of the lights to "
-        f"{_UNKNOWN * 100:.0f} %: it is from {1 / most:.0f} mm {further}; measure and "
+        f"{_UNKNOWN * 100:.0f} %: it is {_range(near, sigma)}; measure and "
         "state it, or give a camera with its working distance"
     )
+
+
+def _range(near: float, sigma: float) -> str:
+    least, most = near - _RANGE * sigma, near + _RANGE * sigma
+    further = f"to {1 / least:.0f} mm" if least > 0 else "or at any larger distance"
+    return f"from {1 / most:.0f} mm {further}"

@@ -118,6 +118,12 @@ class Recording:
     files: list[Path]
     lit_by: SphereLights | None = None
 
+    def pixel_mm(self, stated: float | None) -> float | None:
+        """Return the stated size of a pixel of the frames, or the one by the spheres."""
+        if stated is None and self.lit_by is not None:
+            return self.lit_by.estimate.pixel_mm
+        return stated
+
 
 def open_recording(path: Path, options: RecordingOptions) -> Recording:
     """Read a recording as its options say.
@@ -219,6 +225,7 @@ def _with_answers(
         "brightness-gradient": "--semi-calibrated",
         "light-brightness": "--semi-calibrated",
         "lights-fading": "--semi-calibrated",
+        "light-distance-uncertain": "--light-distance-mm",
         "lights-not-distant": "--light-distance-mm",
         "transfer-curve-doubtful": f"--gamma {other}",
         "height-doubtful": "--height-mm, --rests-on-plane",
