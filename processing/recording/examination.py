@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from acquisition import DataError, Lights, Source
+from acquisition import Lights, Source
 from calibration import EstimateError, Stack
 from processing.checks.curve_check import curve_warnings
 from processing.checks.judge import Examined, judge
@@ -118,26 +118,15 @@ def geometry_of(
     Raises
     ------
     DataError
-        If there are no lights, near lights have no scale, a height is stated for distant ones, or
-        a distance for lights with positions or for distant ones.
+        If there are no lights, or near lights have no scale.
     """
     lights, view = lights_of(source, distant=distant), None
     if light_distance_mm is not None:
-        if distant or lights.near:
-            kind = "distant lights" if distant else "lights with positions"
-            raise DataError(
-                f"{source.path}: a distance is for lists of directions, not for {kind}: leave it "
-                "out"
-            )
         view = view_of(source, pixel_mm)
         if light_distance_mm != "estimate":
             lights = lights.at_distance(light_distance_mm, middle_mm(source, view))
     elif lights.near:
         view = view_of(source, pixel_mm)
-    if view is None and (height_mm is not None or rests_on_plane):
-        raise DataError(
-            f"{source.path}: a height matters only under lights with positions: leave it out"
-        )
     return _Geometry(lights, view, height_mm, rests_on_plane)
 
 

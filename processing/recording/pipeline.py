@@ -23,7 +23,7 @@ from processing.colour.colour_albedo import (
     may_have_colour,
 )
 from processing.images.mosaic import albedo_of_sites, gray_picture
-from processing.images.viewing_rays import Perspective
+from processing.images.viewing_rays import Perspective, lights_of
 from processing.maps.metrics import AngularError, angular_error
 from processing.maps.normal_map import NormalMap
 from processing.noise.sample_kind import Reason
@@ -187,6 +187,7 @@ class NormalsStage:
         `reconstruct`, and of `BandStore` for ``files``.
         """
         check_type("source", source, Source, "acquisition.read_source(path) returns one")
+        self._check(source)
         geometry = geometry_of(
             source,
             self.pixel_mm,
@@ -195,7 +196,6 @@ class NormalsStage:
             distant=self.distant,
             light_distance_mm=self.light_distance_mm,
         )
-        self._check(source)
         if geometry.lights.near and self.light_distance_mm is not None:
             source = replace(source, lights=geometry.lights)
         if files is not None and not files.replace:
@@ -287,7 +287,19 @@ class NormalsStage:
         )
 
     def _check(self, source: Source) -> None:
-        """Refuse choices that exclude each other, by `DataError`."""
+        """Refuse choices that exclude each other, or do not fit the lights, by `DataError`."""
+        positions = lights_of(source, distant=self.distant).near
+        if self.light_distance_mm is not None and (positions or self.distant):
+            kind = "distant lights" if self.distant else "lights with positions"
+            raise DataError(
+                f"{source.path}: a distance is for lists of directions, not for {kind}: leave it "
+                "out"
+            )
+        near = positions or self.light_distance_mm is not None
+        if not near and (self.height_mm is not None or self.rests_on_plane):
+            raise DataError(
+                f"{source.path}: a height matters only under lights with positions: leave it out"
+            )
         estimated = {
             "their distance": self.light_distance_mm == "estimate",
             "a constant light": self.ambient == "estimate",

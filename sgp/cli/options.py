@@ -219,7 +219,8 @@ class RecordingOptions:
         Flat field of the camera and its lens, from `sgp calibrate flat`: flat.json or its folder.
     exclude
         Images to leave out, by name or number: L07,L12 or 0-5,8. The number is the one in the name.
-        auto leaves out images that the other images contradict.
+        auto leaves out images that the other images contradict, and divides those of which only
+        the brightness is wrong by it.
     crop
         Region x,y,w,h to use: column and row of its first pixel, width and height, in pixels.
     downscale
