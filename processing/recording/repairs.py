@@ -44,7 +44,7 @@ class Repairs:
         if self.factors:
             listed = ", ".join(f"{ids[i]} ({size:.2f} times)" for i, size in self._in_order())
             noun = pluralize(len(self.factors), "image is", "images are")
-            text = f"{noun} as bright as under another strength, and divided by it: {listed}"
+            text = f"{noun} brighter or darker than stated, and divided by a factor: {listed}"
             found.append(Notice("images-rescaled", text, ", ".join(ids[i] for i in self.factors)))
         if self.left_out:
             listed = ", ".join(f"{ids[i]} ({why})" for i, why in self.left_out.items())

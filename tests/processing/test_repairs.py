@@ -33,7 +33,7 @@ def test_factors_and_images_of_a_recording():
     assert repairs.kept(5) == [0, 1, 3, 4]
     scaled, excluded = repairs.notices(IDS)
     assert (scaled.code, excluded.code) == ("images-rescaled", "images-excluded")
-    assert scaled.text.endswith("divided by it: b (1.25 times), e (0.50 times)")
+    assert scaled.text.endswith("divided by a factor: b (1.25 times), e (0.50 times)")
     assert excluded.text == "1 image is left out because the others contradict them: c (torn)"
 
 
