@@ -1,7 +1,6 @@
+from .explanation import Explanation as Explanation
 from .quality import ImageQuality as ImageQuality
 from .quality import image_quality as image_quality
-from .scheme_check import Disagreement as Disagreement
-from .scheme_check import SchemeCheck as SchemeCheck
 from .strengths import LightStrengths as LightStrengths
 from .strengths import light_strengths as light_strengths
 from .verdict import MISSING_DEG as MISSING_DEG

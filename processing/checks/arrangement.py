@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from acquisition import Lights
 from processing.checks.block_model import BlockModel, light_vectors, solved
@@ -18,7 +17,7 @@ _BLOCKS = 600
 _STEPS = 4
 _LARGEST = 0.5
 # Residual after a change of the arrangement, relative to the given one.
-_BETTER = 0.5
+_BETTER = 0.6
 _FEWEST_LIGHTS = 6
 # A smaller residual needs no other arrangement.
 _GOOD = 0.03
@@ -42,7 +41,7 @@ class Arrangement(NamedTuple):
     name
         Name of the cause.
     text
-        How the images are now: "upside down", "in reverse order".
+        What is wrong: "the images are upside down".
     residual
         What it leaves of the images.
     lights
@@ -93,6 +92,7 @@ def better_arrangement(model: BlockModel, samples: Float64, lights: Lights) -> A
     points = model.points[some].copy()
     points[:, 2] = points[:, 2].mean()
     flat, samples = light_vectors(lights, points), samples[some]
+    strengths = np.asarray(lights.intensities).mean(axis=1)
     given = min(residual_of(samples, vectors) for vectors in (model.vectors[some], flat))
     if given < _GOOD:
         return None
@@ -100,13 +100,25 @@ def better_arrangement(model: BlockModel, samples: Float64, lights: Lights) -> A
     for text, signs in _TURNS.items():
         turned = _mirrored(lights, np.array(signs))
         residual = residual_of(samples, light_vectors(turned, points))
-        found.append(Arrangement(_CODES[text], text, residual, turned))
+        found.append(Arrangement(_CODES[text], f"the images are {text}", residual, turned))
     for text, order in _orders(count):
-        residual = residual_of(samples, flat[:, order])
         taken = lights.take([int(i) for i in order])
-        found.append(Arrangement("lights-shuffled", text, residual, taken))
+        # Samples were divided by the strengths of the given lights.
+        residual = residual_of(samples * (strengths / strengths[order]), flat[:, order])
+        lists = f"the lists of lights and images are {text}"
+        found.append(Arrangement("lights-shuffled", lists, residual, taken))
     best = min(found, key=lambda one: one.residual)
     return best if best.residual < _BETTER * given else None
+
+
+def turned_lights(lights: Lights, angle_deg: float) -> Lights:
+    """Return the lights after a turn about the line of sight, counter-clockwise."""
+    c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
+    matrix = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+    if lights.positions_mm is None:
+        return replace(lights, directions=lights.unit_directions @ matrix, axes=None)
+    axes = np.asarray(lights.axes) @ matrix
+    return replace(lights, positions_mm=lights.positions_mm @ matrix, axes=axes)
 
 
 def _mirrored(lights: Lights, signs: Float64) -> Lights:
@@ -127,25 +139,3 @@ def _orders(count: int) -> Iterator[tuple[str, Intp]]:
     for shift in range(1, count):
         places = pluralize(min(shift, count - shift), "place")
         yield f"shifted by {places}", np.roll(np.arange(count), shift)
-
-
-def swapped(model: BlockModel) -> list[tuple[int, int]]:
-    """Return images that show each other's lights much better, and these lights."""
-    inside = model.valid
-    albedo = model.albedo[inside][:, None]
-    # A sample that does not count, such as a saturated one, fits its own light.
-    seen = np.where(model.weights > 0, model.samples, np.maximum(model.predicted, 0))[inside]
-    seen /= albedo
-    expected = np.maximum((model.vectors[inside] @ model.normals[inside][..., None])[..., 0], 0)
-    seen = seen - seen.mean(axis=1, keepdims=True)
-    expected = expected - expected.mean(axis=1, keepdims=True)
-    cost = (seen**2).mean(axis=0)[:, None] - 2 * seen.T @ expected / len(seen)
-    cost += (expected**2).mean(axis=0)
-    rows, taken = linear_sum_assignment(cost)
-    pairs = [
-        (int(i), int(j))
-        for i, j in zip(rows, taken, strict=True)
-        if cost[i, j] < _BETTER * cost[i, i]
-    ]
-    # Images that exchange their lights, not one whose light happens to be like another.
-    return pairs if {i for i, _ in pairs} == {j for _, j in pairs} else []

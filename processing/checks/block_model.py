@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -101,12 +102,50 @@ class BlockModel:
         return _MAD_TO_SIGMA * float(np.median(off[counted]))
 
 
-def block_samples(cells: Cells) -> tuple[Float64, Intp]:
-    """Return samples ``(P, N)`` relative to the bright parts (NaN: not measured), and places."""
-    places = np.flatnonzero(cells.mask)
-    values = cells.values.reshape(len(cells.values), -1)[:, places].T.astype(np.float64)
-    scale = float(np.nanpercentile(values, 99))
-    return values / max(scale, 1e-12), places
+class Blocks:
+    """Blocks of a recording.
+
+    Parameters
+    ----------
+    cells
+        Means of the N images, divided by the strengths of the lights.
+    pixel_mm
+        Size of a pixel on the object; None if it is not known.
+
+    Attributes
+    ----------
+    samples
+        ``(P, N)`` radiance relative to the bright parts of the object, NaN where not measured.
+    places
+        ``(P,)`` flat indices of the blocks in the grid of this ``shape``.
+    points
+        ``(P, 3)`` surface points in mm, in blocks of a pixel without a scale.
+    """
+
+    def __init__(self, cells: Cells, pixel_mm: float | None) -> None:
+        self.cells = cells
+        self.shape, self.size, self.top = cells.mask.shape, cells.size, cells.corner[0]
+        self.places: Intp = np.flatnonzero(cells.mask)
+        values = cells.values.reshape(len(cells.values), -1)[:, self.places].T.astype(np.float64)
+        self.scale = max(float(np.nanpercentile(values, 99)), 1e-12)
+        self.samples: Float64 = values / self.scale
+        if cells.points_mm is not None:
+            self.points = cells.points_mm.reshape(-1, 3)[self.places]
+            return
+        rows, across = np.divmod(self.places, self.shape[1])
+        flat = [across - across.mean(), rows.mean() - rows, np.zeros(len(rows))]
+        self.points = np.stack(flat, axis=1) * self.size * (pixel_mm or 1.0)
+
+    __repr__ = short_repr
+
+    def fit(
+        self, lights: Lights, without: Sequence[int] = (), samples: Float64 | None = None
+    ) -> BlockModel:
+        """Return the fit under these lights, without some images, or of other samples."""
+        samples = self.samples.copy() if samples is None else samples
+        samples[:, list(without)] = np.nan
+        vectors = light_vectors(lights, self.points)
+        return fit_blocks(samples, vectors, self.points, self.places, self.shape)
 
 
 def light_vectors(lights: Lights, points: Float64) -> Float64:

@@ -49,7 +49,7 @@ KINDS = {
         "room light of {size} of a lamp's light reaches the object",
         "%",
         100,
-        "record in the dark, subtract a dark frame, or estimate the ambient light",
+        "record in the dark, subtract a dark frame, or give --ambient estimate",
     ),
     "black-level": Kind(
         "an offset of all samples",
@@ -70,21 +70,21 @@ KINDS = {
         "the strengths of the lights are off by {size}",
         "%",
         100,
-        "calibrate the strengths, or estimate them",
+        "calibrate the strengths, or give --semi-calibrated",
     ),
     "brightness-gradient": Kind(
         "strengths that change from one side to the other",
         "the strengths of the lights change by {size} from one side to the other",
         "%",
         100,
-        "calibrate the strengths, or estimate them",
+        "calibrate the strengths, or give --semi-calibrated",
     ),
     "lights-fading": Kind(
         "fading lights",
         "the light changes by {size} from the first to the last image",
         "%",
         100,
-        "let the lamps warm up, or estimate the strengths",
+        "let the lamps warm up, or give --semi-calibrated",
     ),
     "image-shifted": Kind(
         "shifted images",
@@ -114,12 +114,19 @@ KINDS = {
         180 / np.pi,
         "check the frame of the lights, or calibrate them again",
     ),
+    "lights-turned": Kind(
+        "a turn of all lights about the line of sight",
+        "all lights are turned by {size} about the line of sight, counter-clockwise",
+        "deg",
+        1,
+        "check the frame of the lights, or turn the images",
+    ),
     "lights-not-distant": Kind(
         "near lights",
         "the lights are about {size} away, not distant: their light falls off over the object",
         "mm",
         1,
-        "give their distance, or a calibration with positions",
+        "give a calibration with positions, or --light-distance-mm D or estimate",
     ),
     "lights-displaced": Kind(
         "displaced lights",
@@ -135,6 +142,22 @@ KINDS = {
         "%",
         100,
         "check the working distance and the focal length",
+    ),
+}
+
+
+MOVEMENTS = {"image-shifted", "images-drift", "images-moved"}
+# What is wrong with single images, and what to do.
+IMAGE_KINDS = {
+    "images-swapped": ("images in another order", "check the order of the files"),
+    "image-duplicate": ("repeated images", "restore the missing ones, or give --exclude auto"),
+    "image-turned": ("images not in the position of the others", "turn the files"),
+    "light-moved": ("lamps at other places", "calibrate them again, or give --exclude auto"),
+    "image-striped": ("images with foreign rows", "record them again, or give --exclude auto"),
+    "image-clipped": ("clipped images", "check exposure and white level, or give --exclude auto"),
+    "image-disagrees": (
+        "images that do not agree with the others",
+        "look at them, record them again, or give --exclude auto",
     ),
 }
 
@@ -194,9 +217,10 @@ def hypotheses_of(columns: Columns, unit: Float64) -> list[Hypothesis]:
     gains, right, down = (columns.images(kind) for kind in ("gain", "right", "down"))
     time = np.linspace(0, 1, count)
     ambient = of("ambient", "ambient right", "ambient up")
-    add("ambient-light", ambient, _AMBIENT, _SIDEWAYS, _SIDEWAYS)
-    add("black-level", of("offset"), _OFFSET)
-    add("transfer-curve-doubtful", of("curve"), _CURVE)
+    # Strengths of all images imitate simpler causes on even objects.
+    add("ambient-light", ambient, _AMBIENT, _SIDEWAYS, _SIDEWAYS, general="light-brightness")
+    add("black-level", of("offset"), _OFFSET, general="light-brightness")
+    add("transfer-curve-doubtful", of("curve"), _CURVE, general="light-brightness")
     add("light-brightness", gains, _GAIN)
     add("brightness-gradient", gains @ unit[:, :2], _TREND, general="light-brightness")
     add("lights-fading", (gains @ time)[:, None], _TREND, general="light-brightness")

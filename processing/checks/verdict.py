@@ -16,10 +16,12 @@ Answer = Literal["good", "check", "do-not-use"]
 # standard deviation that they must exceed, too.
 _MATTERS_DEG, _MATTERS_SIGMAS = 1.0, 1.0
 _FORBIDS_DEG, _FORBIDS_SIGMAS = 5.0, 3.0
+# Share of the squared residual by which a cause makes standard deviations large.
+_LARGE_SHARE = 0.2
 # Error of a pixel without a normal.
 MISSING_DEG = 90.0
 # Larger standard deviations count as this one: residuals by a mistake make them large, too.
-_LARGEST_SIGMA_DEG = 5.0
+_LARGEST_SIGMA_DEG = 4.0
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,8 @@ class Cause:
         Names of other causes that explain the images nearly as well.
     where
         The images that it is about; empty for all.
+    share
+        Share 0..1 of the squared residual that it explains; NaN if it is not known.
     """
 
     name: str
@@ -60,6 +64,7 @@ class Cause:
     inverts: bool = False
     alternatives: tuple[str, ...] = ()
     where: str = ""
+    share: float = math.nan
 
     @property
     def effect(self) -> str:
@@ -84,7 +89,13 @@ class Cause:
         return f"{self.text}{besides}{effect}"
 
     def matters(self, least_deg: float) -> bool:
-        """Return whether it changes normals by more than this, or by an unknown angle."""
+        """Return whether it changes normals by more than this, or by an unknown angle.
+
+        Standard deviations follow from the residual: those of a cause of which much of it comes
+        are no excuse.
+        """
+        if self.share > _LARGE_SHARE:
+            least_deg = _MATTERS_DEG
         return self.inverts or not self.normals_deg <= least_deg
 
 

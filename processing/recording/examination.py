@@ -12,9 +12,7 @@ import numpy as np
 
 from acquisition import Lights, Source
 from calibration import EstimateError, Stack
-from processing.checks.curve_check import curve_warnings
-from processing.checks.judge import Examined, judge
-from processing.checks.quality import ImageQuality, quality_of
+from processing.checks.quality import Examined, ImageQuality, quality_of
 from processing.checks.strengths import (
     LightStrengths,
     light_strengths,
@@ -44,7 +42,7 @@ from processing.stereo.method import Method
 from processing.stereo.solve import solve_maps
 from processing.stereo.stereo_maps import StereoMaps
 from rig import Notice, Progress, Severity, no_progress
-from rig.arrays import Bool, Float32, Intp
+from rig.arrays import Bool, Float32, Float64, Intp
 
 # A computed mask beyond these probably contains background.
 _LARGEST_SHARE = 0.8
@@ -291,12 +289,6 @@ class Examination:
     def find_surface(self, *, semi_calibrated: bool) -> None:
         """Find the points of the surface, and the strengths of the lights if they are not known."""
         strengths = self._divided() if semi_calibrated else None
-        # Before the height, which a wrong curve would bend.
-        sample = self.sample()
-        self._doubts += curve_warnings(
-            self.source, sample.values, self.lights, sample.mask, sample.of(self.points)
-        )
-        del sample
         if strengths is None or self.view is None:
             self._find_height()
         else:
@@ -313,14 +305,13 @@ class Examination:
         """Test whether images, lights and normals agree; repair or leave out images that do not."""
         quality = self._quality()
         if exclude_disagreeing:
-            repairs, ids = repairs_of(quality.scheme), self.lights.ids
+            repairs, ids = _repairs(quality), self.lights.ids
             if repairs.factors:
                 repairs = self._rescaled(repairs)
-            self.warnings += repairs.notices(ids)
-            self.excluded = tuple(ids[i] for i in repairs.left_out)
-            self.rescaled = {ids[i]: factor for i, factor in repairs.factors.items()}
+            self.warnings += repairs.notices()
+            self.excluded, self.rescaled = repairs.left_out, dict(repairs.factors)
             if self.excluded:
-                self._take(repairs.kept(len(ids)))
+                self._take(repairs.kept(ids))
             if self.excluded or self.rescaled:
                 self._find_height()
                 quality = self._quality()
@@ -330,10 +321,7 @@ class Examination:
 
     def verdict(self, quality: ImageQuality, sigma_deg: float) -> Verdict:
         """Return what is probably wrong; ``sigma_deg`` is stated of the normals, the median."""
-        examined = Examined(
-            self.images, self.lights, self.mask, self.points, self.view, self.source
-        )
-        return judge(examined, quality, self._doubts, sigma_deg)
+        return quality.verdict(sigma_deg, self._doubts)
 
     def sample(self) -> RowSample:
         """Return some rows of the images."""
@@ -347,7 +335,9 @@ class Examination:
 
         If some strengths are not as stated, those of all lights are fitted, so that they agree.
         """
-        sample, kept = self.sample(), repairs.kept(len(self.lights))
+        ids = self.lights.ids
+        sample, kept, factors = self.sample(), repairs.kept(ids), repairs.scales(ids)
+        right = np.array([ids[i] not in repairs.factors for i in kept])
         try:
             found = light_strengths(
                 sample.values[kept],
@@ -355,13 +345,14 @@ class Examination:
                 sample.mask,
                 points_mm=sample.of(self.points),
             )
-        except EstimateError:  # only the images that are far off
-            factors = repairs.scales(len(self.lights))
+        except EstimateError:
+            pass  # only the images that are far off
         else:
-            right = np.array([i not in repairs.factors for i in kept])
-            factors = np.ones(len(self.lights))
-            factors[kept] = found.factors / np.median(found.factors[right])
-            repairs = replace(repairs, factors={i: float(factors[i]) for i in repairs.factors})
+            reference = right if right.any() else np.ones_like(right)
+            factors[kept] = found.factors / np.median(found.factors[reference])
+            pairs = zip(ids, factors.tolist(), strict=True)
+            named = {name: factor for name, factor in pairs if name in repairs.factors}
+            repairs = replace(repairs, factors=named)
         self.images = self.images.divided(factors)
         intensities = np.asarray(self.lights.intensities) * factors[:, None]
         self.lights = replace(self.lights, intensities=intensities)
@@ -416,7 +407,42 @@ class Examination:
         self.near, self.points = self._heights.of(self.images, self.lights)
 
     def _quality(self) -> ImageQuality:
-        return quality_of(self.images, self.lights, self.mask, self.points)
+        camera, source = self.source.camera, self.source
+        pixel_mm = getattr(self.view, "pixel_mm", None)
+        if camera is not None and camera.working_distance_mm is not None:
+            pixel_mm = camera.working_distance_mm / float(camera.K[0, 0])
+        certain = not np.isfinite(source.white_level)
+        return quality_of(
+            Examined(
+                self.images,
+                self.lights,
+                self.mask,
+                self.points,
+                self.view,
+                _strengths(source, self.lights),
+                pixel_mm,
+                None if certain else source.transfer,
+            )
+        )
+
+
+def _strengths(source: Source, lights: Lights) -> Float64:
+    """Return the recorded signal of each image, where white is 1, relative to its samples."""
+    exposures = dict.fromkeys(source.light_ids, 0.0)
+    for frame in source.frames:
+        if frame.role == "light" and frame.light_id in exposures:
+            exposures[frame.light_id] = max(exposures[frame.light_id], frame.exposure_us or 0.0)
+    longest = max(exposures.values()) or 1.0
+    times = np.array([(exposures[name] or longest) / longest for name in lights.ids])
+    return np.asarray(times * np.asarray(lights.intensities).mean(axis=1))
+
+
+def _repairs(quality: ImageQuality) -> Repairs:
+    wrong = quality.explanation.disagreeing
+    reasons = "; ".join(
+        cause.text for cause in quality.causes if set(cause.where.split(", ")) & wrong.keys()
+    )
+    return repairs_of(wrong, reasons)
 
 
 def lit_images(values: Images, mask: Bool) -> list[int]:

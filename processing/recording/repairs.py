@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from processing.checks.scheme_check import SchemeCheck
 from rig import Notice, pluralize
 from rig.arrays import Float64
 
@@ -19,48 +18,52 @@ class Repairs:
     Parameters
     ----------
     factors
-        How many times as bright as stated the light of an image is, by its index. Such an image is
+        How many times as bright as stated the light of an image is, by its name. Such an image is
         divided by its factor, because nothing else is wrong with it.
     left_out
-        Indices of the images to leave out, each with the reason.
+        Names of the images to leave out.
+    reasons
+        Why, in words.
     """
 
-    factors: Mapping[int, float] = field(default_factory=dict)
-    left_out: Mapping[int, str] = field(default_factory=dict)
+    factors: Mapping[str, float] = field(default_factory=dict)
+    left_out: tuple[str, ...] = ()
+    reasons: str = ""
 
-    def scales(self, count: int) -> Float64:
-        """Return the factors ``(count,)`` of all images, 1 for the others."""
-        scales = np.ones(count)
-        scales[list(self.factors)] = list(self.factors.values())
-        return scales
+    def scales(self, ids: Sequence[str]) -> Float64:
+        """Return the factors ``(N,)`` of all images, 1 for the others."""
+        return np.array([self.factors.get(name, 1.0) for name in ids])
 
-    def kept(self, count: int) -> list[int]:
-        """Return the images of ``count`` that are not left out."""
-        return [i for i in range(count) if i not in self.left_out]
+    def kept(self, ids: Sequence[str]) -> list[int]:
+        """Return the indices of the images that are not left out."""
+        return [i for i, name in enumerate(ids) if name not in self.left_out]
 
-    def notices(self, ids: Sequence[str]) -> list[Notice]:
+    def notices(self) -> list[Notice]:
         """Return what is done, and why."""
         found = []
         if self.factors:
-            listed = ", ".join(f"{ids[i]} ({size:.2f} times)" for i, size in self._in_order())
+            listed = ", ".join(f"{name} ({size:.2f} times)" for name, size in self.factors.items())
             noun = pluralize(len(self.factors), "image is", "images are")
             text = f"{noun} brighter or darker than stated, and divided by a factor: {listed}"
-            found.append(Notice("images-rescaled", text, ", ".join(ids[i] for i in self.factors)))
+            found.append(Notice("images-rescaled", text, ", ".join(self.factors)))
         if self.left_out:
-            listed = ", ".join(f"{ids[i]} ({why})" for i, why in self.left_out.items())
+            names = ", ".join(self.left_out)
             noun = pluralize(len(self.left_out), "image is", "images are")
-            text = f"{noun} left out because the others contradict them: {listed}"
-            found.append(Notice("images-excluded", text, ", ".join(ids[i] for i in self.left_out)))
+            text = f"{noun} left out because the others contradict them: {names} ({self.reasons})"
+            found.append(Notice("images-excluded", text, names))
         return found
 
-    def _in_order(self) -> list[tuple[int, float]]:
-        return sorted(self.factors.items())
 
+def repairs_of(disagreeing: Mapping[str, float | None], reasons: str) -> Repairs:
+    """Return the repairs of images that the others contradict.
 
-def repairs_of(check: SchemeCheck) -> Repairs:
-    """Return the repairs of what a comparison found; none if it is not known what is right."""
-    if check.undecided:
-        return Repairs()
-    scaled = {one.image: one.size for one in check.found if one.kind == "brightness"}
-    others = {one.image: one.text for one in check.found if one.kind != "brightness"}
-    return Repairs(scaled, others)
+    Parameters
+    ----------
+    disagreeing
+        Names of images, with the factor of the brightness of those that are only too bright or too
+        dark, and None for the others.
+    reasons
+        What is wrong with them, in words.
+    """
+    scaled = {name: factor for name, factor in disagreeing.items() if factor is not None}
+    return Repairs(scaled, tuple(name for name in disagreeing if name not in scaled), reasons)

@@ -22,11 +22,13 @@ _FEWEST_CORNERS = 300
 _TILES, _TILE_PX = 8, 256
 # Differences that are smaller than the derivatives of the map by this factor are rounding.
 _ROUNDING = 1e-3
+# Steps of the robust fit of a turn, and parts of the map whose scores count as independent.
+_STEPS, _PARTS = 8, 16
 # Share of the weights that is inside the mask, up to rounding.
 _WHOLE = 0.999
 # The curl with other axes must be smaller by this factor. By noise alone all are equal, within 5 %
-# for the fewest corners.
-_CLEARER = 0.75
+# for the fewest corners; of spheres, whose mixed derivatives are small, errors make them differ.
+_CLEARER = 0.5
 # And it must be that of a surface rather than that of noise (.7), which differs by up to 5 %. Of a
 # dense relief of leaves that hide each other it is .60; of separate slopes with steps between them,
 # which are no evidence of wrong axes, it is above .72 with all axes.
@@ -59,11 +61,19 @@ class Integrability:
         about x or y; ``turned`` by 90 degrees; ``swapped`` x and y. ``right`` if that is not clear.
     other_curl
         The curl under `axes`.
+    turn_deg, turn_sigma_deg
+        Turn of all normals about the line of sight, counter-clockwise, without which they agree
+        best with a surface, and its standard deviation.
+    turned_curl
+        The curl without this turn.
     """
 
     curl: float
     axes: Axes
     other_curl: float
+    turn_deg: float = float("nan")
+    turn_sigma_deg: float = float("nan")
+    turned_curl: float = float("nan")
 
     __repr__ = short_repr
 
@@ -116,7 +126,34 @@ def _judged(jacobian: Float64) -> Integrability:
     best = min(curls, key=lambda name: curls[name][0])
     clear = curls[best][0] < _CLEARER * curls["right"][0] and curls[best][1] < _LIKE_A_SURFACE
     axes: Axes = best if clear else "right"
-    return Integrability(curl=curls["right"][1], axes=axes, other_curl=curls[axes][1])
+    turn, sigma = _turn_deg(jacobian)
+    c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
+    turned = _curl(np.array([[c, s], [-s, c]]) @ jacobian, least)[1]
+    return Integrability(curls["right"][1], axes, curls[axes][1], turn, sigma, turned)
+
+
+def _turn_deg(jacobian: Float64) -> tuple[float, float]:
+    """Return the turn about the line of sight, and its standard deviation between parts of the map.
+
+    Slopes that are turned by an angle have the curl ``-tan(angle)`` times their divergence.
+    """
+    curl = jacobian[:, 0, 1] - jacobian[:, 1, 0]
+    divergence = jacobian[:, 0, 0] + jacobian[:, 1, 1]
+    weight = np.ones(len(curl))
+    for _ in range(_STEPS):
+        slope = float((weight * curl * divergence).sum() / max(weight @ divergence**2, 1e-12))
+        off = curl - slope * divergence
+        spread = max(2 * float(np.median(np.abs(off))), 1e-9)
+        weight = 1 / (1 + (off / spread) ** 2) ** 2
+    sums = np.array(
+        [
+            (part @ divergence[place], (weight * divergence**2)[place].sum())
+            for place in np.array_split(np.arange(len(curl)), _PARTS)
+            for part in ((weight * off)[place],)
+        ]
+    )
+    sigma = float(np.sqrt((sums[:, 0] ** 2).sum()) / max(sums[:, 1].sum(), 1e-12))
+    return float(-np.degrees(np.arctan(slope))), float(np.degrees(sigma))
 
 
 def _curl(jacobian: Float64, least: float) -> tuple[float, float]:

@@ -54,6 +54,7 @@ class CauseTable(_OpenTable):
     inverts: bool
     alternatives: tuple[str, ...]
     where: str
+    share: float | None = None
 
 
 class TestedTable(_OpenTable):

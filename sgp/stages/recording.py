@@ -211,23 +211,13 @@ def compute_normals(
     """Compute normals and show the progress; a notice that an option answers names the option."""
     with Stages() as progress:
         made = stage.run(source, files, progress)
-    return replace(made, warnings=_with_answers(made.warnings, source))
+    return replace(made, warnings=_with_answers(made.warnings))
 
 
-def _with_answers(
-    warnings: Iterable[rig.Notice], source: acquisition.Source
-) -> tuple[rig.Notice, ...]:
+def _with_answers(warnings: Iterable[rig.Notice]) -> tuple[rig.Notice, ...]:
     """Return notices that name the options which answer them."""
-    # `reconstruct` compares with sRGB if the images are linear, and with linear otherwise.
-    other = "srgb" if source.transfer == acquisition.LINEAR else "linear"
     answers = {
-        "ambient-light": "--ambient estimate",
-        "brightness-gradient": "--semi-calibrated",
-        "light-brightness": "--semi-calibrated",
-        "lights-fading": "--semi-calibrated",
         "light-distance-uncertain": "--light-distance-mm",
-        "lights-not-distant": "--light-distance-mm",
-        "transfer-curve-doubtful": f"--gamma {other}",
         "height-doubtful": "--height-mm, --rests-on-plane",
         "height-not-determined": "--height-mm, --rests-on-plane",
     }

@@ -44,7 +44,7 @@ IMAGES = images(LIGHTS)
 
 
 def codes(values: np.ndarray, lights: Lights) -> list[str]:
-    return [notice.code for notice in image_quality(values, lights, MASK).warnings]
+    return [cause.name for cause in image_quality(values, lights, MASK).causes]
 
 
 def reordered(order: object) -> Lights:
@@ -53,7 +53,7 @@ def reordered(order: object) -> Lights:
 
 def test_a_correct_recording_is_quiet_and_has_small_figures() -> None:
     found = image_quality(IMAGES, LIGHTS, MASK)
-    assert found.warnings == ()
+    assert found.causes == ()
     assert found.residual < 0.05
     assert found.consistency <= found.residual
     assert found.used > 0.9
@@ -83,19 +83,19 @@ ORDERS = {
 
 @pytest.mark.parametrize("name", quick(ORDERS, every=2))
 def test_the_usual_orders_are_named(name: str) -> None:
-    (notice,) = image_quality(IMAGES, reordered(ORDERS[name]), MASK).warnings
-    assert notice.code == "lights-shuffled"
-    assert name in notice.text
+    (cause,) = image_quality(IMAGES, reordered(ORDERS[name]), MASK).causes
+    assert cause.name == "lights-shuffled"
+    assert name in cause.text
 
 
 @pytest.mark.parametrize(("one", "other"), quick([(2, 7), (0, 11), (4, 5)], every=3))
 def test_swapped_images_are_named(one: int, other: int) -> None:
     order = np.arange(COUNT)
     order[[one, other]] = other, one
-    (notice,) = image_quality(IMAGES, reordered(order), MASK).warnings
-    assert notice.code == "images-swapped"
+    (cause,) = image_quality(IMAGES, reordered(order), MASK).causes
+    assert cause.name == "images-swapped"
     names = {reordered(order).ids[i] for i in (one, other)}
-    assert set(notice.where.split(", ")) == names
+    assert set(cause.where.split(", ")) == names
 
 
 @pytest.mark.parametrize("apart_deg", quick([8.0, 11.0], every=2))
@@ -109,16 +109,17 @@ def test_swapped_neighbours_are_named(apart_deg: float) -> None:
     values = images(lights)
     assert codes(values, lights) == []
     order = [7 if i == 2 else 2 if i == 7 else i for i in range(COUNT)]
-    (notice,) = image_quality(values, lights.take(order), MASK).warnings
-    assert notice.code == "images-swapped"
-    assert set(notice.where.split(", ")) == {"L02", "L07"}
+    (cause,) = image_quality(values, lights.take(order), MASK).causes
+    assert cause.name == "images-swapped"
+    assert set(cause.where.split(", ")) == {"L02", "L07"}
 
 
 def test_a_doubled_image_is_named() -> None:
     values = IMAGES.copy()
     values[3] = values[8]
-    (notice,) = image_quality(values, LIGHTS, MASK).warnings
-    assert (notice.code, notice.where) == ("image-duplicate", "L03, L08")
+    (cause,) = image_quality(values, LIGHTS, MASK).causes
+    assert (cause.name, cause.where) == ("image-duplicate", "L03")
+    assert "L08" in cause.text
 
 
 @pytest.mark.parametrize("turn", quick(["upside down", "left to right", "top to bottom"], every=3))
@@ -127,24 +128,24 @@ def test_a_turned_image_is_named(turn: str) -> None:
     rows = slice(None, None, 1 if turn == "left to right" else -1)
     columns = slice(None, None, 1 if turn == "top to bottom" else -1)
     values[3] = values[3][rows, columns]
-    (notice,) = image_quality(values, LIGHTS, MASK).warnings
-    assert notice.where == "L03"
-    assert notice.code in ("image-turned", "image-disagrees")
-    if notice.code == "image-turned":
-        assert turn in notice.text
+    (cause,) = image_quality(values, LIGHTS, MASK).causes
+    assert cause.where == "L03"
+    assert cause.name in ("image-turned", "image-disagrees")
+    if cause.name == "image-turned":
+        assert turn in cause.text
 
 
 def test_a_lamp_that_changed_or_moved_is_named() -> None:
     values = IMAGES.copy()
     values[3] *= 0.6
-    (notice,) = image_quality(values, LIGHTS, MASK).warnings
-    assert (notice.code, notice.where) == ("light-brightness", "L03")
-    assert "0.6" in notice.text
+    (cause,) = image_quality(values, LIGHTS, MASK).causes
+    assert (cause.name, cause.where) == ("light-brightness", "L03")
+    assert "0.62 times as bright" in cause.text  # as the mean of all, which is 3 % darker
     vectors = LIGHTS.unit_directions.copy()
     vectors[5] = vectors[5][[1, 0, 2]] * [-1, 1, 1]  # turned about z
-    (notice,) = image_quality(IMAGES, replace(LIGHTS, directions=vectors, axes=None), MASK).warnings
-    assert notice.where == "L05"
-    assert notice.code in ("light-moved", "image-disagrees")
+    (cause,) = image_quality(IMAGES, replace(LIGHTS, directions=vectors, axes=None), MASK).causes
+    assert cause.where == "L05"
+    assert cause.name in ("light-moved", "image-disagrees")
 
 
 AXES = {
@@ -158,10 +159,9 @@ AXES = {
 @pytest.mark.parametrize("name", quick(AXES, every=4))
 def test_wrong_axes_are_named(name: str) -> None:
     wrong = replace(LIGHTS, directions=LIGHTS.unit_directions @ AXES[name].T, axes=None)
-    (notice,) = image_quality(IMAGES, wrong, MASK).warnings
-    assert notice.code == "lights-mirrored"
-    assert name in notice.text
-    assert "180 degrees cannot be seen" in notice.text
+    (cause,) = image_quality(IMAGES, wrong, MASK).causes
+    assert cause.name == "lights-mirrored"
+    assert name in cause.text
 
 
 def test_a_turn_by_180_degrees_cannot_be_seen() -> None:
@@ -171,49 +171,20 @@ def test_a_turn_by_180_degrees_cannot_be_seen() -> None:
 
 def test_too_few_images_or_pixels_are_not_judged() -> None:
     found = image_quality(IMAGES[:4], LIGHTS.take(range(4)), MASK)
-    assert found.warnings == ()
+    assert found.causes == ()
     assert np.isnan(found.light_error_deg).all()
     small = np.zeros_like(MASK)
     small[40:46, 40:46] = True
-    assert image_quality(IMAGES, LIGHTS, small).warnings == ()
+    assert image_quality(IMAGES, LIGHTS, small).causes == ()
     with pytest.raises(DataError, match="mask is empty"):
         image_quality(IMAGES, LIGHTS, np.zeros_like(MASK))
-
-
-def test_one_image_whose_removal_helps_is_named_without_the_scheme_check() -> None:
-    """The scheme check needs 100 pixels."""
-    small = np.zeros_like(MASK)
-    small[40:49, 40:49] = True
-    values = IMAGES.copy()
-    values[5] = values[5][::-1]
-    values[5, small] += 0.3
-    found = image_quality(values, LIGHTS, small)
-    assert not found.scheme.checked
-    (notice,) = found.warnings
-    assert (notice.code, notice.where) == ("image-disagrees", "L05")
-    assert "without it" in notice.text
-
-
-def test_gloss_on_a_small_part_of_an_object_is_no_shift_and_a_shift_is() -> None:
-    def shifted(values: np.ndarray, row: int, column: int, size: int) -> list[int]:
-        part = np.zeros_like(MASK)
-        part[row : row + size, column : column + size] = True
-        found = image_quality(values, LIGHTS, part).scheme.found
-        return [one.image for one in found if one.kind == "shifted"]
-
-    # Too few pixels, and deviations that are not larger than those of other images.
-    assert shifted(IMAGES, 40, 40, 11) == []
-    assert shifted(images(LIGHTS, 5), 40, 40, 24) == []
-    moved = images(LIGHTS, 32)
-    moved[5] = np.roll(moved[5], (3, -2), (0, 1))
-    assert shifted(moved, 32, 32, 32) == [5]
 
 
 def test_saturated_samples_and_large_images_change_little() -> None:
     large = np.repeat(np.repeat(IMAGES, 4, axis=1), 4, axis=2)
     large[:, 100:120, 100:120] = np.nan
     found = image_quality(large, LIGHTS, np.repeat(np.repeat(MASK, 4, axis=0), 4, axis=1))
-    assert found.warnings == ()
+    assert found.causes == ()
     assert found.residual == pytest.approx(image_quality(IMAGES, LIGHTS, MASK).residual, rel=0.1)
 
 
@@ -223,13 +194,13 @@ def test_lights_along_an_axis_without_relief_are_not_judged() -> None:
     rendering = render(scene_named("step-gauge", width=160, height=128, leds=36))
     truth = rendering.truth
     values = (rendering.planes / rendering.planes[:, truth.mask].max()).astype(np.float32)
-    points = truth.camera.points_on_plane()
+    points = truth.points_mm
     quality = image_quality(values, truth.lights, truth.mask, points_mm=points)
-    assert quality.warnings == ()
+    assert quality.verdict(0.5).answer == "good"
     # Lights in another order are found nevertheless.
     order = [(5 * i) % 36 for i in range(36)]
     changed = image_quality(values, truth.lights.take(order), truth.mask, points_mm=points)
-    assert [notice.code for notice in changed.warnings] == ["lights-shuffled"]
+    assert [cause.name for cause in changed.causes] == ["lights-shuffled"]
 
 
 @pytest.mark.slow
@@ -244,12 +215,13 @@ def test_simulated_scenes_are_quiet_and_shuffled_ones_are_found(name: str, leds:
     values = (counted / truth.lights.intensities[:, :1, None]).astype(np.float32)
     # At the surface: near lights are brighter on high objects than on the plane z = 0.
     points = truth.points_mm
-    assert image_quality(values, truth.lights, truth.mask, points_mm=points).warnings == ()
+    quality = image_quality(values, truth.lights, truth.mask, points_mm=points)
+    assert quality.verdict(0.5).harmful == ()
     if name in FLAT:
         return
     order = [int(i) for i in rng.permutation(leds)]
-    found = image_quality(values, truth.lights.take(order), truth.mask, points_mm=points).warnings
-    assert [notice.code for notice in found] == ["lights-shuffled"]
+    changed = image_quality(values, truth.lights.take(order), truth.mask, points_mm=points)
+    assert [cause.name for cause in changed.causes] == ["lights-shuffled"]
 
 
 def surface_codes(normals: np.ndarray, camera: CameraModel | None = None) -> list[str]:

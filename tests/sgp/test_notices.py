@@ -15,11 +15,11 @@ from rig import Notice
 
 ROOT = Path(__file__).parents[2]
 ROOMS = ("rig", "acquisition", "calibration", "processing", "simulator", "sgp")
-_NOTICED = re.compile(r"Notice\(|Cause\(|Kind\(|Arrangement\(")
+_NOTICED = re.compile(r"Notice\(|Cause\(|KINDS = |Arrangement\(")
 # Codes of other notices or causes, which have their own place.
-_COPIED = ("cause.name", "notice.code", "better.name", "hypothesis.name")
-# Modules whose notices become causes, whose severity depends on what they do.
-_JUDGED = ("curve_check.py", "quality.py", "scheme_check.py")
+_COPIED = ("cause.name", "notice.code", "other.name", "hypothesis.name", "name", "_CURVE")
+# Tables whose keys are names of causes.
+_TABLES = ("KINDS", "IMAGE_KINDS")
 _SEVERITIES = ("info", "warning", "error")
 _ROW = re.compile(r"^\| `([^`]+)` \| ([a-z, ]+) \| (.+) \| (.+) \|$", re.MULTILINE)
 Used = tuple[str, frozenset[str]]
@@ -59,10 +59,12 @@ def _used_in(tree: ast.Module) -> Iterator[Used]:
             and ast.unparse(node.target) == "_CODES"
         ):
             table = [ast.literal_eval(value) for value in node.value.values]
-        elif isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "KINDS":
-            kinds = node.value
-            assert isinstance(kinds, ast.Dict)
-            for kind in filter(None, kinds.keys):
+        elif (
+            isinstance(node, ast.Assign)
+            and isinstance(node.value, ast.Dict)
+            and ast.unparse(node.targets[0]) in _TABLES
+        ):
+            for kind in filter(None, node.value.keys):
                 yield ast.literal_eval(kind), frozenset(("info", "warning"))
     if indirect:
         assert table
@@ -89,8 +91,6 @@ def _used() -> dict[str, set[str]]:
                 continue
             for code, severities in _used_in(ast.parse(text)):
                 used.setdefault(code, set()).update(severities)
-                if path.name in _JUDGED:
-                    used[code] |= {"info", "warning"}
     return used
 
 

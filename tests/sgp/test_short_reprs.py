@@ -56,9 +56,8 @@ QUALITY = processing.checks.ImageQuality(
     ONES[0, :3],
     ONES[0, :3],
     0.1,
-    processing.checks.SchemeCheck((), False, True),
     LIGHTS.ids,
-    (),
+    processing.checks.Explanation(),
 )
 ERROR = processing.AngularError(8.394, 6.0, 1.0, ONES)
 

@@ -126,7 +126,8 @@ GOLDEN = """{
       "alternatives": [
         "ambient-light"
       ],
-      "where": ""
+      "where": "",
+      "share": null
     }
   ],
   "tested": {

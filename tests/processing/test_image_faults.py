@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 
 import numpy as np
@@ -9,9 +10,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from acquisition import Lights
-from processing.checks import SchemeCheck, image_quality
-from processing.checks.scheme_check import check_scheme, scheme_notices
-from processing.images.block_means import cells_of
+from processing.checks import ImageQuality, image_quality
 from tests.processing.scenes import bumpy_dome, dome
 from tests.quick_sample import quick
 
@@ -40,8 +39,13 @@ LIGHTS = Lights(dome(COUNT, 0.95, 0.5))
 IMAGES, MASK = images(LIGHTS)
 
 
-def checked(values: np.ndarray, lights: Lights = LIGHTS) -> SchemeCheck:
-    return check_scheme(cells_of(values, MASK, None), lights)
+def checked(values: np.ndarray, lights: Lights = LIGHTS, mask: np.ndarray = MASK) -> ImageQuality:
+    return image_quality(values, lights, mask)
+
+
+def numbers(found: ImageQuality) -> list[int]:
+    """Return the images that the others contradict, in their order."""
+    return sorted(LIGHTS.ids.index(name) for name in found.explanation.disagreeing)
 
 
 def brighter(values: np.ndarray) -> None:
@@ -72,38 +76,41 @@ def clipped(values: np.ndarray) -> None:
     values[5] = np.minimum(values[5], np.quantile(values[5][MASK], 0.7))
 
 
-FAULTS: dict[str, tuple[Callable[[np.ndarray], None], str, list[int], float]] = {
-    "12 % brighter": (brighter, "brightness", [5], 1.12),
-    "15 % darker": (darker, "brightness", [5], 0.85),
-    "two swapped": (swapped, "swapped", [5, 9], 9),
-    "shifted by (-3, 2)": (shifted, "shifted", [5], np.hypot(2, 3)),
-    "rows of another image": (torn, "striped", [5], 12),
-    "noise": (noise, "foreign", [5], 0.4),
-    "clipped": (clipped, "clipped", [5], 0.8),
+FAULTS: dict[str, tuple[Callable[[np.ndarray], None], str, list[int]]] = {
+    "12 % brighter": (brighter, "light-brightness", [5]),
+    "15 % darker": (darker, "light-brightness", [5]),
+    "two swapped": (swapped, "images-swapped", [5, 9]),
+    "shifted by (-3, 2)": (shifted, "image-shifted", [5]),
+    "rows of another image": (torn, "image-striped", [5]),
+    "noise": (noise, "image-disagrees", [5]),
+    "clipped": (clipped, "image-clipped", [5]),
 }
 
 
 def test_a_correct_recording_is_quiet() -> None:
     found = checked(IMAGES)
-    assert found.checked
-    assert not found.undecided
-    assert found.found == ()
-    assert found.agreeing(COUNT) == list(range(COUNT))
-    assert scheme_notices(found, LIGHTS.ids) == []
+    assert found.causes == ()
+    assert numbers(found) == []
+    assert found.verdict(0.5).answer == "good"
 
 
 @pytest.mark.parametrize("name", quick(FAULTS, every=3))
-def test_a_fault_is_named_with_its_kind_and_size(name: str) -> None:
-    plant, kind, wrong, size = FAULTS[name]
+def test_a_fault_is_named_with_its_images(name: str) -> None:
+    plant, code, wrong = FAULTS[name]
     values = IMAGES.copy()
     plant(values)
     found = checked(values)
-    assert [one.image for one in found.found] == wrong
-    assert {one.kind for one in found.found} == {kind}
-    assert found.found[0].size == pytest.approx(size, rel=0.3 if size < 1 and size != 0.85 else 0.1)
-    assert found.agreeing(COUNT) == [i for i in range(COUNT) if i not in wrong]
-    (notice,) = scheme_notices(found, LIGHTS.ids)
-    assert notice.where == ", ".join(LIGHTS.ids[i] for i in wrong)
+    assert numbers(found) == wrong
+    (cause,) = found.causes
+    assert cause.name == code
+    assert cause.where == ", ".join(LIGHTS.ids[i] for i in wrong)
+
+
+def test_the_size_of_a_wrong_brightness_is_found() -> None:
+    values = IMAGES.copy()
+    brighter(values)
+    (factor,) = checked(values).explanation.disagreeing.values()
+    assert factor == pytest.approx(1.12, abs=0.01)
 
 
 def test_a_moved_light_is_named_in_degrees() -> None:
@@ -111,18 +118,19 @@ def test_a_moved_light_is_named_in_degrees() -> None:
     vectors = LIGHTS.unit_directions.copy()
     across = np.cross(vectors[7], [0, 0, 1.0])
     vectors[7] = vectors[7] * np.cos(turn) + across / np.linalg.norm(across) * np.sin(turn)
-    (one,) = checked(IMAGES, Lights(directions=vectors)).found
-    assert (one.image, one.kind) == (7, "moved")
-    assert one.size == pytest.approx(10, abs=2)
+    (cause,) = checked(IMAGES, Lights(directions=vectors)).causes
+    assert (cause.name, cause.where) == ("light-moved", "L07")
+    (stated,) = re.findall(r"([0-9.]+) degrees", cause.text)
+    assert float(stated) == pytest.approx(10, abs=2)
 
 
 def test_many_bright_images_do_not_hide_one_another() -> None:
     values = IMAGES.copy()
     values[1::4] *= 1.25
     found = checked(values)
-    assert [one.image for one in found.found] == list(range(1, COUNT, 4))
-    assert not found.undecided
-    assert {one.kind for one in found.found} == {"brightness"}
+    assert numbers(found) == list(range(1, COUNT, 4))
+    (cause,) = found.causes
+    assert cause.name == "light-brightness"
 
 
 @pytest.mark.slow
@@ -130,11 +138,9 @@ def test_half_of_the_images_are_not_left_out() -> None:
     values = IMAGES.copy()
     values[::2] *= np.random.default_rng(3).uniform(0.6, 1.6, (COUNT // 2, 1, 1))
     found = checked(values)
-    assert found.undecided
-    assert 2 < len(found.found) <= COUNT // 2
-    assert found.agreeing(COUNT) == list(range(COUNT))
-    (notice,) = image_quality(values, LIGHTS, MASK).warnings
-    assert notice.code == "images-undecided"
+    assert numbers(found) == []
+    assert found.causes[0].name == "light-brightness"
+    assert found.verdict(0.5).answer != "good"
 
 
 def test_a_flat_object_shows_brightness_but_no_directions() -> None:
@@ -142,19 +148,19 @@ def test_a_flat_object_shows_brightness_but_no_directions() -> None:
     brighter(flat)
     turned = LIGHTS.unit_directions.copy()
     turned[7] = turned[8]
-    (one,) = checked(flat).found
-    assert (one.image, one.kind) == (5, "brightness")
-    assert "moved" not in {one.kind for one in checked(flat, Lights(directions=turned)).found}
+    (cause,) = checked(flat).causes
+    assert (cause.name, cause.where) == ("light-brightness", "L05")
+    others = checked(flat, Lights(directions=turned)).causes
+    assert "light-moved" not in {cause.name for cause in others}
 
 
 def test_few_images_or_pixels_are_not_checked() -> None:
-    few = check_scheme(cells_of(IMAGES[:5], MASK, None), LIGHTS.take(range(5)))
     small = np.zeros_like(MASK)
     small[40:48, 40:48] = True
-    tiny = check_scheme(cells_of(IMAGES, small, None), LIGHTS)
-    assert not few.checked
-    assert not tiny.checked
-    assert few.agreeing(5) == list(range(5))
+    few = image_quality(IMAGES[:4], LIGHTS.take(range(4)), MASK)
+    for found in (few, checked(IMAGES, mask=small)):
+        assert found.causes == ()
+        assert found.explanation.tried == ()
 
 
 @pytest.mark.slow
@@ -165,6 +171,6 @@ def test_correct_recordings_are_quiet() -> None:
         lights = Lights(dome(count, 0.95, 0.5))
         for seed in range(20, 26):
             values, mask = images(lights, seed=seed)
-            named += len(check_scheme(cells_of(values, mask, None), lights).found)
+            named += len(image_quality(values, lights, mask).explanation.disagreeing)
             total += count
     assert named <= 0.02 * total
