@@ -99,18 +99,22 @@ class Row:
         return self.outcome.error_deg - clean.outcome.error_deg
 
     def harms(self, clean: Row) -> bool:
-        """Return whether the error exceeds the clean one by more than is stated and 1 degree."""
-        stated = self.outcome.sigma_deg
+        """Return whether the harm exceeds 1 degree and what is stated of the clean result."""
+        stated = clean.outcome.sigma_deg
         return self.harm_deg(clean) > max(0.0 if math.isnan(stated) else stated, _MATTERS_DEG)
 
 
 def _names(outcome: Outcome) -> set[str]:
     """Return the names of the first two causes, their alternatives, and what is unexplained."""
     names = {name for cause in outcome.causes.split()[:2] for name in cause.split("/")}
+    if _FACES_AWAY in outcome.text:
+        names.add("lights-reversed")
     return names | ({_UNEXPLAINED} & set(outcome.codes.split()))
 
 
 _UNEXPLAINED = "residual-unexplained"
+# A refusal that names the sign of z.
+_FACES_AWAY = "face away from the camera"
 _KEYS = ("scene", "seed", "case", "strength")
 _JUDGED, _YES = ("shown", "named", "listed"), "yes"
 

@@ -15,6 +15,7 @@ from benchmarks.imperfections.remedies import Remedy
 from calibration import EstimateError
 from processing import Reconstruction, reconstruct
 from rig.arrays import Bool, Float32
+from sgp.stages import with_options
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Outcome:
     change_deg
         Mean angle between these normals and those of the clean recording.
     sigma_deg
-        Median of the stated standard deviations of the normals.
+        Standard deviation of the normals with which the verdict compares.
     answer
         Answer of the verdict, or ``refused``.
     causes
@@ -95,13 +96,13 @@ class Trial:
             return Outcome(text=str(error)[:_TEXT])
         if self._normals is None:
             self._normals, self._valid = result.normals.normals, result.valid
-        verdict = result.verdict
+        verdict = with_options(result).verdict
         remedy = Remedy.of(verdict.causes[0]) if verdict.causes else Remedy()
         return Outcome(
             error_deg=_error_deg(result, recording),
             error_mm=_error_mm(result, recording),
             change_deg=self._change_deg(result),
-            sigma_deg=_median(result.uncertainty.sigma_deg[result.valid]),
+            sigma_deg=verdict.sigma_deg,
             answer=verdict.answer,
             causes=" ".join("/".join((one.name, *one.alternatives)) for one in verdict.causes),
             not_excluded=" ".join(verdict.not_excluded),
@@ -153,7 +154,3 @@ def _error_mm(result: Reconstruction, recording: Recording) -> float:
 
 def _mean_angle(first: Float32, second: Float32) -> float:
     return float(np.mean(angle_deg(first, second))) if len(first) else NAN
-
-
-def _median(values: Float32) -> float:
-    return float(np.nanmedian(values)) if len(values) else NAN

@@ -17,6 +17,7 @@ from calibration.spheres.position_calibration import positioned_lights
 from calibration.spheres.propose.sphere_marks import Mask
 from calibration.spheres.recording import Circle, SeenSpheres, named_stack, seen_in
 from calibration.spheres.solve.average_directions import orthographic_lights, perspective_lights
+from calibration.spheres.solve.ball_scale import pixel_size
 from calibration.spheres.solve.lost_images import lost_lights
 from calibration.spheres.solve.sphere_calibration import SeenTogether, SphereCalibration
 from calibration.spheres.solve.sphere_positions import off_the_plane, one_off_the_plane, place
@@ -37,8 +38,9 @@ def calibrate_spheres(
     """Estimate lights from their highlights on mirror spheres.
 
     Without a camera, an orthographic view is assumed; for a near light and one sphere the error is
-    a few degrees. With a camera, the viewing cone of each sphere is used, which requires no radius
-    for directions. With a camera, a radius and two or more spheres, the lights have positions.
+    a few degrees. A radius then gives the size of a pixel. With a camera, the viewing cone of each
+    sphere is used, which requires no radius for directions. With a camera, a radius and two or more
+    spheres, the lights have positions.
 
     Parameters
     ----------
@@ -80,7 +82,7 @@ def calibrate_spheres(
     ------
     DataError
         If shapes or radii are inconsistent, the camera does not fit the images, both masks and
-        circles are given, or a radius is given without a camera.
+        circles are given, or a radius is given with a camera without a working distance.
     EstimateError
         If no sphere is found, the edges near a circle do not determine an outline, less than 85 %
         of the lights are left, or a light is visible on fewer than two spheres although positions
@@ -251,10 +253,20 @@ def _lights(
     ]
     found = [seen[k].found for k in of_recording]
     shown = SeenTogether(names, places_mm, images, of_recording, recordings, found)
-    if camera is None:
-        return orthographic_lights(shown, warnings)
-    cones = [cone_of(camera, image) for image in images]
     known = [of_one for of_one in radii if of_one is not None]
+    if camera is None:
+        found_lights = orthographic_lights(shown, warnings)
+        if not known:
+            return found_lights
+        size, sigma = pixel_size(images, np.concatenate(known))
+        text = (
+            f"a pixel is {size:.4g} mm (sd {sigma / size:.1%}) at the height of the centres of the "
+            "spheres, of which the radius is known"
+        )
+        notice = Notice("scale-from-spheres", text, severity="info")
+        doubts = (*found_lights.warnings, notice)
+        return replace(found_lights, warnings=doubts, pixel_mm=size, pixel_sigma_mm=sigma)
+    cones = [cone_of(camera, image) for image in images]
     if not known:
         return perspective_lights(shown, cones, camera, warnings)
     radii_mm = np.concatenate(known)
@@ -282,9 +294,9 @@ def _radii(radius_mm: float | Sequence[float], camera: CameraModel | None) -> Fl
     radii = np.atleast_1d(np.asarray(radius_mm, np.float64))
     if not (len(radii) and np.all(np.isfinite(radii) & (radii > 0))):
         raise DataError("sphere radii must be positive lengths in mm")
-    if camera is None or camera.working_distance_mm is None:
+    if camera is not None and camera.working_distance_mm is None:
         raise DataError(
-            "a sphere radius requires a camera with a working distance: add it, or leave out the "
-            "radius to get directions"
+            "a sphere radius requires the working distance of the camera: add it, or leave out the "
+            "radius or the camera to get directions"
         )
     return radii

@@ -130,7 +130,7 @@ def seen_in(
                 return masked_spheres(some, masks, camera), []
             if circles:
                 return circled_spheres(some, circles, camera), []
-            return searched_spheres(some, camera, radii_mm)
+            return searched_spheres(some, camera, None if camera is None else radii_mm)
         except EstimateError as error:
             if compressed:
                 error.args = (f"{error}; {_BLOCKS}{'' if masks else ', or give a mask'}",)

@@ -83,6 +83,8 @@ class RecordedImages:
         subtracted; default: none.
     shares
         ``(M,)`` factors of it for all images of the stack.
+    factors
+        ``(M,)`` by which all images of the stack are then divided; default: 1.
     """
 
     def __init__(
@@ -91,9 +93,11 @@ class RecordedImages:
         kept: Sequence[int] | None = None,
         constant: Float32 | None = None,
         shares: Float32 | None = None,
+        factors: Float32 | None = None,
     ) -> None:
         self._stack, self._constant = stack, constant
         self._shares = np.ones(len(stack.ids), np.float32) if shares is None else shares
+        self._factors = factors
         self._kept = list(range(len(stack.ids)) if kept is None else kept)
         self.ids = tuple(stack.ids[i] for i in self._kept)
         shape = stack.values.shape
@@ -112,6 +116,8 @@ class RecordedImages:
         image = self._stack.values[self._kept[index]]
         if self._constant is not None:
             image = image - self._shares[self._kept[index]] * self._constant
+        if self._factors is not None:
+            image = image / self._factors[self._kept[index]]
         return luma(image) if self.in_colour else image
 
     def __iter__(self) -> Iterator[Float32]:
@@ -120,13 +126,22 @@ class RecordedImages:
     def take(self, indices: Sequence[int]) -> RecordedImages:
         """Return the images with these indices."""
         kept = [self._kept[i] for i in indices]
-        return RecordedImages(self._stack, kept, self._constant, self._shares)
+        return RecordedImages(self._stack, kept, self._constant, self._shares, self._factors)
 
     def without(self, constant: Float32, shares: Float64) -> RecordedImages:
         """Return the images without a constant light, of which each has its share ``(N,)``."""
         of_stack = np.zeros(len(self._stack.ids), np.float32)
         of_stack[self._kept] = shares
-        return RecordedImages(self._stack, self._kept, constant, of_stack)
+        return RecordedImages(self._stack, self._kept, constant, of_stack, self._factors)
+
+    def divided(self, factors: Float64) -> RecordedImages:
+        """Return the images divided by factors ``(N,)``."""
+        of_stack = np.ones(len(self._stack.ids), np.float32)
+        of_stack[self._kept] = factors
+        before = 1 if self._factors is None else self._factors
+        return RecordedImages(
+            self._stack, self._kept, self._constant, self._shares, of_stack * before
+        )
 
     def stack(self, *, colour: bool = False) -> Stack:
         """Return all images, in memory, in gray or as they are."""
@@ -139,6 +154,8 @@ class RecordedImages:
         if self._constant is not None:
             shares = self._shares[self._kept].reshape(-1, *[1] * (part.values.ndim - 1))
             part = replace(part, values=part.values - shares * self._constant[first:last])
+        if self._factors is not None:
+            part = _divided(part, self._factors[self._kept])
         return replace(part, values=luma(part.values)) if self.in_colour and not colour else part
 
     def bands(
@@ -193,6 +210,14 @@ class RecordedImages:
 
 # The same images as an array.
 Images = Float32 | RecordedImages
+
+
+def _divided(stack: Stack, factors: Float32) -> Stack:
+    values = stack.values / factors.reshape(-1, *[1] * (stack.values.ndim - 1))
+    noise = stack.noise
+    if noise is not None:
+        noise = replace(noise, intensities=noise.intensities * factors[:, None])
+    return replace(stack, values=values, noise=noise)
 
 
 def _joined(laws: Sequence[StackNoise | None]) -> StackNoise | None:

@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from acquisition import DataError, Lights, Source
+from acquisition import Lights, Source
 from calibration import EstimateError, Stack
 from processing.checks.quality import Examined, ImageQuality, quality_of
 from processing.checks.strengths import (
@@ -33,6 +33,7 @@ from processing.images.viewing_rays import (
 from processing.maps.mask import mask_of_images
 from processing.near.mean_height_search import HeightWithStrengths
 from processing.near.near_height import Heights, NearHeight, height_limits
+from processing.recording.repairs import Repairs, repairs_of
 from processing.series.ambient_light import AmbientLight, find_ambient_light
 from processing.series.light_distance import LightDistance, find_light_distance
 from processing.stereo.frames import Frames
@@ -40,7 +41,7 @@ from processing.stereo.light_model import LightModel
 from processing.stereo.method import Method
 from processing.stereo.solve import solve_maps
 from processing.stereo.stereo_maps import StereoMaps
-from rig import Notice, Progress, Severity, no_progress, pluralize
+from rig import Notice, Progress, Severity, no_progress
 from rig.arrays import Bool, Float32, Float64, Intp
 
 # A computed mask beyond these probably contains background.
@@ -115,26 +116,15 @@ def geometry_of(
     Raises
     ------
     DataError
-        If there are no lights, near lights have no scale, a height is stated for distant ones, or
-        a distance for lights with positions or for distant ones.
+        If there are no lights, or near lights have no scale.
     """
     lights, view = lights_of(source, distant=distant), None
     if light_distance_mm is not None:
-        if distant or lights.near:
-            kind = "distant lights" if distant else "lights with positions"
-            raise DataError(
-                f"{source.path}: a distance is for lists of directions, not for {kind}: leave it "
-                "out"
-            )
         view = view_of(source, pixel_mm)
         if light_distance_mm != "estimate":
             lights = lights.at_distance(light_distance_mm, middle_mm(source, view))
     elif lights.near:
         view = view_of(source, pixel_mm)
-    if view is None and (height_mm is not None or rests_on_plane):
-        raise DataError(
-            f"{source.path}: a height matters only under lights with positions: leave it out"
-        )
     return _Geometry(lights, view, height_mm, rests_on_plane)
 
 
@@ -233,6 +223,7 @@ class Examination:
         self.light_distance: LightDistance | None = None
         self.ambient: AmbientLight | None = None
         self.excluded: tuple[str, ...] = ()
+        self.rescaled: dict[str, float] = {}
         self.warnings: list[Notice] = []
         self._doubts: list[Notice] = []
         self.mask = mask
@@ -252,6 +243,7 @@ class Examination:
         found = find_light_distance(self.images, self.lights, self.mask, view, middle)
         near = found.lights(lights_of(self.source, distant=False), middle)
         self.source, self.light_distance = replace(self.source, lights=near), found
+        self.warnings += found.warnings
         self.lights = near.take([near.ids.index(name) for name in self.lights.ids])
 
     def find_ambient(self) -> None:
@@ -310,14 +302,17 @@ class Examination:
         self.warnings += self.strengths.warnings
 
     def check(self, *, exclude_disagreeing: bool) -> ImageQuality:
-        """Test whether images, lights and normals agree; leave out images that do not."""
+        """Test whether images, lights and normals agree; repair or leave out images that do not."""
         quality = self._quality()
         if exclude_disagreeing:
-            self.excluded = tuple(quality.explanation.disagreeing)
+            repairs, ids = _repairs(quality), self.lights.ids
+            if repairs.factors:
+                repairs = self._rescaled(repairs)
+            self.warnings += repairs.notices()
+            self.excluded, self.rescaled = repairs.left_out, dict(repairs.factors)
             if self.excluded:
-                self.warnings.append(_exclusion(quality))
-                ids = self.lights.ids
-                self._take([i for i, name in enumerate(ids) if name not in self.excluded])
+                self._take(repairs.kept(ids))
+            if self.excluded or self.rescaled:
                 self._find_height()
                 quality = self._quality()
         for notice in () if self.near is None else self.near.warnings:
@@ -334,6 +329,36 @@ class Examination:
 
     def _take(self, kept: Sequence[int]) -> None:
         self.images, self.lights = self.images.take(kept), self.lights.take(list(kept))
+
+    def _rescaled(self, repairs: Repairs) -> Repairs:
+        """Divide images by the strengths that they show; return the repairs with these factors.
+
+        If some strengths are not as stated, those of all lights are fitted, so that they agree.
+        """
+        ids = self.lights.ids
+        sample, kept, factors = self.sample(), repairs.kept(ids), repairs.scales(ids)
+        right = np.array([ids[i] not in repairs.factors for i in kept])
+        try:
+            found = light_strengths(
+                sample.values[kept],
+                self.lights.take(kept),
+                sample.mask,
+                points_mm=sample.of(self.points),
+            )
+        except EstimateError:
+            pass  # only the images that are far off
+        else:
+            reference = right if right.any() else np.ones_like(right)
+            factors[kept] = found.factors / np.median(found.factors[reference])
+            pairs = zip(ids, factors.tolist(), strict=True)
+            named = {name: factor for name, factor in pairs if name in repairs.factors}
+            repairs = replace(repairs, factors=named)
+        self.images = self.images.divided(factors)
+        intensities = np.asarray(self.lights.intensities) * factors[:, None]
+        self.lights = replace(self.lights, intensities=intensities)
+        given = with_strengths(self.source.lights, self.lights)
+        self.source = replace(self.source, lights=given)
+        return repairs
 
     def _divided(self) -> LightStrengths:
         """Divide the images by the strengths that they show."""
@@ -415,16 +440,12 @@ def _strengths(source: Source, lights: Lights) -> Float64:
     return np.asarray(times * np.asarray(lights.intensities).mean(axis=1))
 
 
-def _exclusion(quality: ImageQuality) -> Notice:
-    """Return what is left out, and why."""
+def _repairs(quality: ImageQuality) -> Repairs:
     wrong = quality.explanation.disagreeing
-    names = ", ".join(wrong)
     reasons = "; ".join(
         cause.text for cause in quality.causes if set(cause.where.split(", ")) & wrong.keys()
     )
-    noun = pluralize(len(wrong), "image is", "images are")
-    text = f"{noun} left out because the others contradict them: {names} ({reasons})"
-    return Notice("images-excluded", text, names)
+    return repairs_of(wrong, reasons)
 
 
 def lit_images(values: Images, mask: Bool) -> list[int]:

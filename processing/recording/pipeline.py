@@ -23,7 +23,7 @@ from processing.colour.colour_albedo import (
     may_have_colour,
 )
 from processing.images.mosaic import albedo_of_sites, gray_picture
-from processing.images.viewing_rays import Perspective
+from processing.images.viewing_rays import Perspective, lights_of
 from processing.maps.metrics import AngularError, angular_error
 from processing.maps.normal_map import NormalMap
 from processing.noise.lens_blur import lens_blur
@@ -142,8 +142,9 @@ class NormalsStage:
         ``estimate``: find a constant light that is in all images, such as that of the room, and
         subtract it, see `find_ambient_light`.
     exclude_disagreeing
-        Leave out images that the other images contradict (see `image_quality`), unless so many do
-        that it is not known which are right.
+        Leave out images that the other images contradict (see `image_quality`), and divide those
+        by a factor of which only the brightness is wrong, unless so many do that it is not known
+        which are right.
     semi_calibrated
         Estimate the strengths of the lights, relative to given intensities; see `light_strengths`.
 
@@ -192,6 +193,7 @@ class NormalsStage:
         `reconstruct`, and of `BandStore` for ``files``.
         """
         check_type("source", source, Source, "acquisition.read_source(path) returns one")
+        self._check(source)
         geometry = geometry_of(
             source,
             self.pixel_mm,
@@ -200,7 +202,6 @@ class NormalsStage:
             distant=self.distant,
             light_distance_mm=self.light_distance_mm,
         )
-        self._check(source)
         if geometry.lights.near and self.light_distance_mm is not None:
             source = replace(source, lights=geometry.lights)
         if files is not None and not files.replace:
@@ -263,6 +264,7 @@ class NormalsStage:
             source, lights, near = examined.source, examined.lights, examined.near
             points, used = examined.points, examined.images.ids
             strengths, excluded = examined.strengths, examined.excluded
+            rescaled = examined.rescaled
             light_distance, ambient = examined.light_distance, examined.ambient
             del examined  # by far the largest arrays; what follows does not need them
         if pattern is not None:
@@ -290,6 +292,7 @@ class NormalsStage:
             light_distance=light_distance,
             ambient=ambient,
             blur=blur,
+            rescaled=rescaled,
             error=_error(source, made["normals"], valid, mask),
             previews=previews,
             near_height=near,
@@ -298,7 +301,19 @@ class NormalsStage:
         )
 
     def _check(self, source: Source) -> None:
-        """Refuse choices that exclude each other, by `DataError`."""
+        """Refuse choices that exclude each other, or do not fit the lights, by `DataError`."""
+        positions = lights_of(source, distant=self.distant).near
+        if self.light_distance_mm is not None and (positions or self.distant):
+            kind = "distant lights" if self.distant else "lights with positions"
+            raise DataError(
+                f"{source.path}: a distance is for lists of directions, not for {kind}: leave it "
+                "out"
+            )
+        near = positions or self.light_distance_mm is not None
+        if not near and (self.height_mm is not None or self.rests_on_plane):
+            raise DataError(
+                f"{source.path}: a height matters only under lights with positions: leave it out"
+            )
         estimated = {
             "their distance": self.light_distance_mm == "estimate",
             "a constant light": self.ambient == "estimate",
@@ -409,8 +424,9 @@ def reconstruct(
         ``estimate``: find a constant light that is in all images, such as that of the room, and
         subtract it, see `find_ambient_light`.
     exclude_disagreeing
-        Leave out images that the other images contradict (see `image_quality`), unless so many do
-        that it is not known which are right.
+        Leave out images that the other images contradict (see `image_quality`), and divide those
+        by a factor of which only the brightness is wrong, unless so many do that it is not known
+        which are right.
     semi_calibrated
         Estimate the strengths of the lights, relative to given intensities; see `light_strengths`.
     surface

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -85,6 +85,9 @@ class Reconstruction:
         The constant light that was subtracted; None if it was not estimated.
     blur
         The blur of the lens that the normals show; None if the noise is unknown.
+    rescaled
+        Images that were divided by a factor because only their brightness is wrong, with the
+        factor; `source` and `lights` have the intensities times it.
     """
 
     source: Source
@@ -107,6 +110,7 @@ class Reconstruction:
     light_distance: LightDistance | None = None
     ambient: AmbientLight | None = None
     blur: LensBlur | None = None
+    rescaled: Mapping[str, float] = field(default_factory=dict)
 
     @cached_property
     def normals(self) -> NormalMap:

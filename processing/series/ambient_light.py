@@ -21,8 +21,9 @@ _FEWEST_LIGHTS = 5
 _LEAST_CONTRAST = 0.05
 # A larger standard deviation of the constant light, relative to a light, is refused.
 _UNKNOWN = 0.05
-# Widths of the priors: light from a side and from below is weaker than the whole.
-_SIDE, _BELOW = 0.03, 0.1
+# Widths of the priors of the other terms, which are within two of them: light from two sides, from
+# below, and terms of the second order, which are weaker in all surroundings.
+_WIDTHS = (0.03, 0.03, 0.1, 0.05, 0.01, 0.01, 0.01, 0.01)
 _HIGHEST = 5.0
 # Share of the radius of the object by which its mean height may differ from the working plane.
 _HEIGHT = 0.5
@@ -91,13 +92,14 @@ def ambient_terms(normals: Float32 | Float64) -> Float64:
     first two orders of the irradiance of any surroundings (Ramamoorthi and Hanrahan, 2001).
     """
     x, y, z = np.moveaxis(np.asarray(normals, np.float64), -1, 0)
-    return np.stack([(1 + z) / 2, x, y, (1 - z) / 2], axis=-1)
+    second = (3 * z**2 - 1) / 2 - z, x * z, y * z, x * y, (x**2 - y**2) / 2
+    return np.stack([(1 + z) / 2, x, y, (1 - z) / 2, *second], axis=-1)
 
 
 def find_ambient_light(values: Images, lights: Lights, mask: Bool, view: View) -> AmbientLight:
     """Estimate a constant light that is in all images.
 
-    It is fitted together with normals, albedo and reflectance of averages of blocks of pixels, and
+    It is fitted together with normals, albedo and reflectance of pixels all over the object, and
     under near lights with shape and mean height, with Cauchy weights. A constant is not one of the
     images that a matte surface can have under these lights, unless all are at the same elevation.
 
@@ -147,12 +149,11 @@ def find_ambient_light(values: Images, lights: Lights, mask: Bool, view: View) -
     model = SharedModel(
         (height,) if lights.near else (),
         vectors,
-        lambda values, relief: np.asarray(relief - values[0] * cells.rays, np.float64),
+        lambda values: cells.rays,
+        lambda values: -float(values[0]) if lights.near else 0.0,
         (
             Parameter(0.0, np.inf, 0.005, 0.0, _HIGHEST),
-            Parameter(0.0, _SIDE, 0.005),
-            Parameter(0.0, _SIDE, 0.005),
-            Parameter(0.0, _BELOW, 0.005),
+            *[Parameter(0.0, width, 0.005, -2 * width, 2 * width) for width in _WIDTHS],
         ),
         lambda normals: ambient_terms(normals)[:, None] * shares[:, None],
     )

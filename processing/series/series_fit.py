@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -21,11 +22,12 @@ _DARK = 0.1
 _FEWEST_LIT = 5
 # Residuals count less from this many standard deviations on (Cauchy).
 _TUNING = 2.0
-# Exponents of the lobes of a gloss, which with two terms of a rough surface are nuisances, and the
-# width of the prior of their strengths, relative to the albedo.
-_LOBES = (2, 8, 32, 128)
-_REFLECTANCES = len(_LOBES) + 2
-_REFLECTANCE_WIDTH = 0.5
+# Roughness of the lobes of a gloss, which with three terms of a rough surface are nuisances; share
+# of the light that a lacquer mirrors.
+_LOBES = (0.12, 0.2, 0.33, 0.55)
+_LACQUER = 0.04
+# Widths of the priors of their strengths, relative to a typical albedo, and to that of the cell.
+_GLOSS_WIDTH, _ROUGH_WIDTH = 2.0, 0.5
 # Residuals of neighbouring cells are alike: scores are added up in so many tiles per axis.
 _TILES = 8
 # Smallest cosine by which a term of the reflectance is divided; cells that are steeper show no
@@ -34,6 +36,7 @@ _GRAZING = 0.05
 # Keeps cells without enough light solvable.
 _RIDGE = 1e-6
 _OUTERMOST = 0.01
+_TURNS = 3
 _MOST_STEPS = 12
 _MOST_DAMPING = 1e3
 # A fit ends when the parameters change by less than this part of their standard deviations.
@@ -71,9 +74,12 @@ class SharedModel:
         Of the vectors; the coefficients of the added terms follow.
     vectors
         Return light vectors ``(P, N, 3)`` at points ``(P, 3)`` from the values of the parameters.
-    points
-        Return points ``(P, 3)`` from the values of the parameters and the points of a surface of
-        mean height 0.
+    rays
+        Return rays ``(P, 3)`` along which the cells see the surface, per unit of depth, from the
+        values of the parameters.
+    mean_depth
+        Return the mean depth of the surface along them, relative to the flat points, from the
+        values of the parameters.
     added
         Priors of the coefficients of further added terms.
     terms
@@ -82,7 +88,8 @@ class SharedModel:
 
     parameters: tuple[Parameter, ...]
     vectors: Callable[[Float64, Float64], Float64]
-    points: Callable[[Float64, Float64], Float64]
+    rays: Callable[[Float64], Float64]
+    mean_depth: Callable[[Float64], float]
     added: tuple[Parameter, ...] = ()
     terms: Callable[[Float64], Float64] = lambda normals: np.zeros((len(normals), 1, 0))
 
@@ -102,12 +109,16 @@ class SeriesFit:
         Standard deviation of the residuals relative to the brightness of their cell, robust.
     relief_mm
         Range of the heights of the surface, without the outermost hundredth.
+    reflectance
+        Root mean square of what the fitted reflectance adds to a matte surface, relative to the
+        brightness, without what other normals would explain.
     """
 
     values: Float64
     covariance: Float64
     spread: float
     relief_mm: float
+    reflectance: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,10 +136,12 @@ class _State:
 
 
 class SeriesCells:
-    """Cells of the images, and fits of shared parameters to them.
+    """Pixels all over the object, cells, and fits of shared parameters to them.
 
-    A cell has its own normal and albedo, which are eliminated. The reflectance, one for the
-    object, is fitted with every model: lobes of a gloss, and terms of a rough surface.
+    Cells are as small as images are sharp: averages over relief would not show its reflectance. A
+    cell has its own normal and albedo, which are eliminated. The reflectance, one for the
+    object, is fitted with every model: lobes of a gloss, terms of a rough
+    surface, and what a lacquer mirrors.
 
     Parameters
     ----------
@@ -146,12 +159,15 @@ class SeriesCells:
     """
 
     def __init__(self, values: Images, mask: Bool, view: View) -> None:
-        coarse = coarse_images(values, mask, view, CELLS)
-        flat = coarse.values.reshape(len(values), -1).T.astype(np.float64)
+        coarse = coarse_images(values, mask, view)
+        step = max(1, math.isqrt(int(np.count_nonzero(coarse.mask)) // CELLS))
+        some = slice(step // 2, None, step), slice(step // 2, None, step)
+        inside = coarse.mask[some]
+        flat = coarse.values[:, *some].reshape(len(values), -1).T.astype(np.float64)
         with np.errstate(invalid="ignore"):
-            brightest = np.nanmax(np.where(coarse.mask.reshape(-1, 1), flat, 0.0), axis=1)
+            brightest = np.nanmax(np.where(inside.reshape(-1, 1), flat, 0.0), axis=1)
             usable = np.isfinite(flat) & (flat > _DARK * brightest[:, None])
-        enough = coarse.mask.reshape(-1) & (usable.sum(axis=1) >= _FEWEST_LIT)
+        enough = inside.reshape(-1) & (usable.sum(axis=1) >= _FEWEST_LIT)
         self.places: Intp = np.flatnonzero(enough)
         if len(self.places) < _FEWEST_CELLS:
             raise EstimateError(
@@ -162,17 +178,15 @@ class SeriesCells:
         seen = np.where(self.usable, flat[self.places], 0.0)
         self.brightness = np.sqrt((seen**2).sum(axis=1) / self.usable.sum(axis=1))
         self.values = seen / self.brightness[:, None]
-        self.shape, self.factor, self._view = coarse.mask.shape, coarse.factor, coarse.view
-        self._origins, self.rays = (
-            of.reshape(-1, 3)[self.places] for of in (coarse.origins, coarse.rays)
+        self._typical = np.median(self.brightness) / self.brightness
+        origins, self.rays = (
+            of[some].reshape(-1, 3)[self.places] for of in (coarse.origins, coarse.rays)
         )
-        self.flat_points = self._origins + self._view.distance_mm * self.rays
-        toward = -self.rays / np.linalg.norm(self.rays, axis=1)[:, None]
-        self._toward = toward
-        rows, columns = np.divmod(self.places, self.shape[1])
+        self.flat_points = origins + coarse.view.distance_mm * self.rays
+        rows, columns = np.divmod(self.places, inside.shape[1])
         tiles = [(at - at.min()) * _TILES // (int(np.ptp(at)) + 1) for at in (rows, columns)]
         self._tiles = tiles[0] * _TILES + tiles[1]
-        self._surface = _Surface(self.flat_points, self.rays, self.places, self.shape)
+        self._surface = _Surface(self.flat_points, self.places, inside.shape)
         across = self.flat_points - self.flat_points.mean(axis=0)
         self.radius_mm = float(np.quantile(np.linalg.norm(across, axis=1), 0.95))
 
@@ -190,8 +204,9 @@ class SeriesCells:
         return self._result(model, state, spread)
 
     def _parameters(self, model: SharedModel) -> list[Parameter]:
-        reflectance = [Parameter(0.0, _REFLECTANCE_WIDTH, 0.01)] * _REFLECTANCES
-        return [*model.parameters, *model.added, *reflectance]
+        gloss = [Parameter(0.0, _GLOSS_WIDTH, 0.01)] * len(_LOBES)
+        rough = [Parameter(0.0, _ROUGH_WIDTH, 0.01)] * 3
+        return [*model.parameters, *model.added, *gloss, *rough]
 
     def _fitted(
         self,
@@ -243,9 +258,16 @@ class SeriesCells:
         larger = np.sqrt(np.maximum(np.diag(between) / np.diag(within), 1.0))
         count = len(model.parameters) + len(model.added)
         covariance = (within * np.outer(larger, larger))[:count, :count]
-        depths = self._surface.depths(state.scaled)
+        values, mean = state.values, model.mean_depth(state.values)
+        depths = self._surface.depths(state.scaled, model.rays(values), mean)
         relief = float(np.ptp(np.quantile(depths, [_OUTERMOST / 2, 1 - _OUTERMOST / 2])))
-        return SeriesFit(state.values[:count], covariance, spread, relief)
+        terms = self._added(model, values, state.scaled, state.vectors)[..., len(model.added) :]
+        added = terms @ values[count:]
+        weighted = (state.vectors * state.weights[..., None]).transpose(0, 2, 1)
+        normals = state.inverse @ (weighted @ added[..., None])
+        left = (added - (state.vectors @ normals)[..., 0])[self.usable]
+        of_gloss = float(np.sqrt(np.mean(left**2)))
+        return SeriesFit(values[:count], covariance, spread, relief, of_gloss)
 
     def _start(self, model: SharedModel, values: Float64) -> _State:
         count, lights = self.values.shape
@@ -268,7 +290,7 @@ class SeriesCells:
         """Return normals, albedo and points for parameters; normals and points in turn."""
         state = near
         for _ in range(2):
-            points = self._relief(state.scaled) if state.scaled.any() else self.flat_points
+            points = self._points(model, values, state.scaled)
             state = self._normals(model, values, replace(state, points=points), spread)
         return state
 
@@ -282,12 +304,12 @@ class SeriesCells:
         held: bool = False,
     ) -> _State:
         """Return robust normals and albedo at points; the weights may be held."""
-        vectors = model.vectors(values, model.points(values, near.points))
+        vectors = model.vectors(values, near.points)
         scaled, weights, residuals = near.scaled, near.weights, near.residuals
         for _ in range(2):
             wanted = self.values
             if scaled.any():
-                terms = self._terms(model, scaled, vectors)
+                terms = self._added(model, values, scaled, vectors)
                 wanted = wanted - terms @ values[len(model.parameters) :]
             weighted = (vectors * weights[..., None]).transpose(0, 2, 1)
             matrix = weighted @ vectors + _RIDGE * np.eye(3)
@@ -301,32 +323,20 @@ class SeriesCells:
             weights = np.where(self.usable, 1 / (1 + (residuals / limit) ** 2), 0.0)
         return _State(values, scaled, near.points, vectors, inverse, residuals, weights)
 
-    def _terms(self, model: SharedModel, scaled: Float64, vectors: Float64) -> Float64:
-        """Return the terms ``(P, N, A)`` that are added: of the model, then of the reflectance."""
-        albedo = np.maximum(np.linalg.norm(scaled, axis=1), 1e-9)
-        normals = (scaled / albedo[:, None])[..., None]
-        lit = np.maximum((vectors @ normals)[..., 0], 0)
-        unit = vectors / np.maximum(np.linalg.norm(vectors, axis=2), 1e-9)[..., None]
-        cosine = np.maximum((unit @ normals)[..., 0], 0)
-        toward = self._toward[..., None]
-        seen = np.maximum((self._toward[:, None] @ normals)[:, 0], _GRAZING)
-        between = (unit @ toward)[..., 0]
-        # The half vector is the sum of two unit vectors, of this length.
-        half = np.sqrt(np.maximum(2 + 2 * between, _GRAZING))
-        gloss = np.minimum((cosine + seen) / half, 1.0)
-        # Oren and Nayar, 1994: light comes back to where it comes from.
-        back = np.maximum(between - cosine * seen, 0)
-        rough = lit * back / np.maximum(np.maximum(cosine, seen), _GRAZING)
-        reflectance = np.stack([*(lit * gloss**k for k in _LOBES), rough, lit * cosine], axis=2)
-        own = model.terms(normals[..., 0])
-        own = np.broadcast_to(own, (*lit.shape, own.shape[2]))
-        terms = np.concatenate([own, reflectance], axis=2) * albedo[:, None, None]
-        return np.asarray(terms, np.float64)
+    def _added(
+        self, model: SharedModel, values: Float64, scaled: Float64, vectors: Float64
+    ) -> Float64:
+        rays = model.rays(values)
+        toward = -rays / np.linalg.norm(rays, axis=1)[:, None]
+        return _terms(model, scaled, vectors, toward, self._typical)
 
-    def _relief(self, scaled: Float64) -> Float64:
-        """Return the points of the surface of the normals at the mean height 0."""
-        depths = self._surface.depths(scaled)
-        return np.asarray(self.flat_points + depths[:, None] * self.rays, np.float64)
+    def _points(self, model: SharedModel, values: Float64, scaled: Float64) -> Float64:
+        """Return the points of the surface of the normals; of a flat one before these are known."""
+        rays, mean = model.rays(values), model.mean_depth(values)
+        depths = np.full(len(scaled), mean)
+        if scaled.any():
+            depths = self._surface.depths(scaled, rays, mean)
+        return np.asarray(self.flat_points + depths[:, None] * rays, np.float64)
 
     def _cost(self, state: _State, spread: float, prior: Float64, mean: Float64) -> float:
         ratio = state.residuals[self.usable] / (_TUNING * spread)
@@ -357,17 +367,62 @@ class SeriesCells:
     def _moved(self, model: SharedModel, state: _State, values: Float64) -> Float64:
         """Return the residuals at other values, where normals and surface follow."""
         for _ in range(2):
-            points = self._relief(state.scaled)
+            points = self._points(model, values, state.scaled)
             state = self._normals(model, values, replace(state, points=points), None, held=True)
         return state.residuals
+
+
+def _terms(
+    model: SharedModel, scaled: Float64, vectors: Float64, toward: Float64, typical: Float64
+) -> Float64:
+    """Return the terms ``(P, N, A)`` that are added: of the model, then of the reflectance.
+
+    A gloss is as bright on dark paint as on bright paint; ``typical`` is a typical brightness
+    relative to that of the cells.
+    """
+    albedo = np.maximum(np.linalg.norm(scaled, axis=1), 1e-9)
+    normals = (scaled / albedo[:, None])[..., None]
+    lit = np.maximum((vectors @ normals)[..., 0], 0)
+    unit = vectors / np.maximum(np.linalg.norm(vectors, axis=2), 1e-9)[..., None]
+    cosine = np.maximum((unit @ normals)[..., 0], 0)
+    seen = np.maximum(toward[:, None] @ normals, _GRAZING)[:, 0]
+    between = (unit @ toward[..., None])[..., 0]
+    gloss = [lit * _gloss(cosine, seen, between, width) for width in _LOBES]
+    # Oren and Nayar, 1994: light comes back to where it comes from.
+    back = np.maximum(between - cosine * seen, 0)
+    rough = lit * back / np.maximum(np.maximum(cosine, seen), _GRAZING)
+    # What a lacquer mirrors does not reach the paint (Schlick).
+    mirrored = (1 - np.minimum(cosine, 1)) ** 5 + (1 - np.minimum(seen, 1)) ** 5
+    own = model.terms(normals[..., 0])
+    own = np.broadcast_to(own, (*lit.shape, own.shape[2]))
+    painted = [*np.moveaxis(own, 2, 0), rough, lit * cosine, lit * mirrored]
+    count = own.shape[2]
+    terms = [*painted[:count], *gloss, *painted[count:]]
+    scales = [albedo] * count + [typical] * len(gloss) + [albedo] * 3
+    return np.stack(
+        [term * scale[:, None] for term, scale in zip(terms, scales, strict=True)], axis=2
+    )
+
+
+def _gloss(cosine: Float64, seen: Float64, between: Float64, width: float) -> Float64:
+    """Return the reflectance of a lacquer relative to what it mirrors, from cosines.
+
+    Walter et al., 2007, with masking by Heitz, 2014, and the term of Schlick for its edge.
+    """
+    square = width**2
+    # The half vector is the sum of two unit vectors, of this length.
+    half = np.sqrt(np.maximum(2 + 2 * between, _GRAZING))
+    dip = np.minimum((cosine + seen) / half, 1.0) ** 2 * (square - 1) + 1
+    masked = cosine * np.sqrt(seen**2 * (1 - square) + square)
+    masked += seen * np.sqrt(cosine**2 * (1 - square) + square)
+    edge = 1 + (1 / _LACQUER - 1) * (1 - np.minimum(half / 2, 1)) ** 5
+    return np.asarray(_LACQUER * edge * square / dip**2 * 0.5 / masked, np.float64)
 
 
 class _Surface:
     """Depths of cells from their normals: the least squares over differences of neighbours."""
 
-    def __init__(
-        self, points: Float64, rays: Float64, places: Intp, shape: tuple[int, ...]
-    ) -> None:
+    def __init__(self, points: Float64, places: Intp, shape: tuple[int, ...]) -> None:
         # Imported here: they take .2 s.
         from scipy.sparse import csr_array, eye_array
         from scipy.sparse.linalg import splu
@@ -391,17 +446,22 @@ class _Surface:
         matrix = self._differences.T @ self._differences + _RIDGE * eye_array(len(places))
         self._solve = splu(matrix.tocsc()).solve
         self._across = points[self._pairs[1]] - points[self._pairs[0]]
-        self._rays = rays
 
-    def depths(self, scaled: Float64) -> Float64:
-        """Return depths ``(P,)`` along the rays, relative to the flat points, with the mean 0."""
+    def depths(self, scaled: Float64, rays: Float64, mean: float) -> Float64:
+        """Return depths ``(P,)`` along rays, relative to the flat points, with a mean."""
         unit = scaled / np.maximum(np.linalg.norm(scaled, axis=1), 1e-9)[:, None]
         between = unit[self._pairs].sum(axis=0)
-        rays = self._rays[self._pairs].sum(axis=0) / 2
-        along = np.minimum(np.einsum("pc,pc->p", between, rays), -2 * _GRAZING)
-        steps = -np.einsum("pc,pc->p", between, self._across) / along
-        depth = self._solve(self._differences.T @ steps)
-        return np.asarray(depth - depth.mean(), np.float64)
+        first, second = rays[self._pairs]
+        along = np.einsum("pc,pc->p", between, (first + second) / 2)
+        along = np.minimum(along, -2 * _GRAZING)
+        depth = np.full(len(scaled), mean)
+        for _ in range(_TURNS):  # points are further apart where they are deeper
+            deep = depth[self._pairs].mean(axis=0)[:, None]
+            apart = self._across + deep * (second - first)
+            steps = -np.einsum("pc,pc->p", between, apart) / along
+            depth = self._solve(self._differences.T @ steps)
+            depth += mean - depth.mean()
+        return np.asarray(depth, np.float64)
 
 
 def _bounded(

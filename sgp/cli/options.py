@@ -204,7 +204,8 @@ class RecordingOptions:
         out of its mask. lights.json and lights.png are written with the result.
     radius_mm
         With --spheres: radius of the spheres in mm, as for `sgp calibrate spheres`; without it,
-        the lights have directions instead of positions.
+        the lights have directions instead of positions. Without a camera, the lights have
+        directions, and the radius gives the size of a pixel.
     rig
         Rig file (.toml) whose led_positions_mm are the lights with --lights rig, or are compared
         with the lights of --spheres; default: the rig that recorded the session, if it is known.
@@ -218,7 +219,8 @@ class RecordingOptions:
         Flat field of the camera and its lens, from `sgp calibrate flat`: flat.json or its folder.
     exclude
         Images to leave out, by name or number: L07,L12 or 0-5,8. The number is the one in the name.
-        auto leaves out images that the other images contradict.
+        auto leaves out images that the other images contradict, and divides those of which only
+        the brightness is wrong by it.
     crop
         Region x,y,w,h to use: column and row of its first pixel, width and height, in pixels.
     downscale
@@ -259,7 +261,31 @@ class RecordingOptions:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class SourceOptions(RecordingOptions):
+class RemedyOptions(RecordingOptions):
+    """Options that answer what the images of a recording show.
+
+    Parameters
+    ----------
+    light_distance_mm
+        Distance in mm of the lights of a list of directions, such as the .lp of a dome, from the
+        middle of the object: they are near lights then, which needs a scale. estimate finds it in
+        the images. lights.json with the positions is written with the result.
+    ambient
+        estimate finds a constant light that is in all images, such as that of the room, and
+        subtracts it; at least 5 lights at different elevations determine it.
+    semi_calibrated
+        Estimate the strengths of the lights with the normals; lights.json with the new intensities
+        and their standard deviations is written with the result.
+    """
+
+    light_distance_mm: LightDistance | None = None
+    ambient: Literal["none", "estimate"] = "none"
+    semi_calibrated: bool = False
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class SourceOptions(RemedyOptions):
     """Options for estimating normals from a recording.
 
     Parameters
@@ -277,25 +303,12 @@ class SourceOptions(RecordingOptions):
         one that explains the images best.
     rests_on_plane
         The lowest points of the object are in the working plane, for lights with positions.
-    light_distance_mm
-        Distance in mm of the lights of a list of directions, such as the .lp of a dome, from the
-        middle of the object: they are near lights then, which needs a scale. estimate finds it in
-        the images. lights.json with the positions is written with the result.
-    ambient
-        estimate finds a constant light that is in all images, such as that of the room, and
-        subtracts it; at least 5 lights at different elevations determine it.
-    semi_calibrated
-        Estimate the strengths of the lights with the normals; lights.json with the new intensities
-        and their standard deviations is written with the result.
     """
 
     method: processing.Method = "best"
     channel: processing.stereo.StereoChannel = "gray"
     height_mm: Millimetres | None = None
     rests_on_plane: bool = False
-    light_distance_mm: LightDistance | None = None
-    ambient: Literal["none", "estimate"] = "none"
-    semi_calibrated: bool = False
 
     def stage(self, pixel_mm: float | None = None) -> processing.recording.NormalsStage:
         """Return the computation of normals with these options, and the size of a pixel."""

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from sgp.cli.options import Input, RecordingOptions, SourceOptions
+from sgp.cli.options import Input, Positive, RemedyOptions, SourceOptions
 from sgp.results import InspectMetrics, Result, add_quality, good_result, quality_lines
-from sgp.stages import compute_normals, open_recording
+from sgp.stages import compute_normals, open_recording, with_scale
 
-_DEFAULTS = RecordingOptions()
+_DEFAULTS = RemedyOptions()
 
 
 def inspect(
-    source: Input, *, options: RecordingOptions = _DEFAULTS, strict: bool = False
+    source: Input,
+    *,
+    options: RemedyOptions = _DEFAULTS,
+    pixel_mm: Positive | None = None,
+    strict: bool = False,
 ) -> Result:
     """Test whether the images, lights and normals of a recording agree; write nothing.
 
@@ -28,12 +32,15 @@ def inspect(
         Session, DiLiGenT object folder, images with an .lp file, or folder of images.
     options
         Lights, camera, mask and parts of the recording.
+    pixel_mm
+        Size of a pixel on the object in mm, as for `sgp normals`.
     strict
         End with exit code 6 if the verdict is "do not use".
     """
     opened = open_recording(source, options)
     # With the method of `sgp normals`: the verdict depends on its standard deviations.
-    stage = compute_normals(opened.source, SourceOptions(**vars(options)).stage())
+    seen, pixel = with_scale(opened.source, opened.pixel_mm(pixel_mm))
+    stage = compute_normals(seen, SourceOptions(**vars(options)).stage(pixel))
     metrics: InspectMetrics = {
         "images": len(stage.lights),
         "lights": "near" if stage.lights.near else "distant",

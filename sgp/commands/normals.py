@@ -65,6 +65,7 @@ def normals(
     """
     opened = open_recording(source, options)
     input_hashes(opened.files)
+    pixel_mm = opened.pixel_mm(pixel_mm)
     seen, pixel = with_scale(opened.source, pixel_mm)
     with normals_within(
         memory, seen, options, pixel, files=opened.files, out=out, force=force
@@ -72,7 +73,10 @@ def normals(
         folder = claim_folder(out, "normals.json", opened.files)
         result = write_normals_stage(folder, stage, maps, command="sgp normals", files=opened.files)
     result.inputs = opened.files
-    result.parameters |= {"transfer": opened.source.transfer.record()}
+    result.parameters |= {
+        "transfer": opened.source.transfer.record(),
+        "pixel_mm": pixel_mm,
+    }
     add_sphere_lights(result, out, opened.lit_by, "sgp normals")
     if strict:
         result.refuse_unusable()

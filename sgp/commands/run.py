@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from sgp.cli.options import Input, Memory, SourceOptions
@@ -70,6 +71,7 @@ def run(
     recording = open_recording(source, options)
     input_hashes(recording.files)
     opened = recording.source
+    surfaces = replace(surfaces, pixel_mm=recording.pixel_mm(surfaces.pixel_mm))
     given = RunOptions(source=options, maps=maps, separation=separation, surfaces=surfaces)
     with processed(
         opened, recording.files, out, watch, given, memory=memory, force=force

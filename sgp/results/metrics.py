@@ -84,12 +84,19 @@ class SpheresMetrics(TypedDict):
     residual_deg : deg
         mean angle between the lights and the directions measured at the spheres; null if one sphere
         gave directions
+    pixel_mm : mm
+        size of a pixel at the height of the centres of the spheres, if their radius is known and
+        the camera is not
+    pixel_sigma_mm : mm
+        standard deviation of pixel_mm
     """
 
     lights: int
     near: bool
     spheres: list[SphereMetrics]
     residual_deg: float | None
+    pixel_mm: NotRequired[float]
+    pixel_sigma_mm: NotRequired[float]
 
 
 class IntensitiesMetrics(TypedDict):

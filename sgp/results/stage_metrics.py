@@ -133,6 +133,9 @@ class NormalsMetrics(QualityMetrics):
         rms change of the heights in each step in which normals and heights were computed in turn
     excluded
         `--exclude auto`: images that were left out because others contradict them
+    rescaled : 1
+        `--exclude auto`: how many times as bright as stated the light of images is of which only
+        the brightness is wrong; they were divided by it
     strength_sigma : 1
         `--semi-calibrated`: median of the relative standard deviations of the strengths, with 1 %
         (7 % if the object is not matte) for the height if it was found with them
@@ -165,6 +168,7 @@ class NormalsMetrics(QualityMetrics):
     lowest_height_mm: NotRequired[float]
     height_changes_mm: NotRequired[list[float]]
     excluded: NotRequired[list[str]]
+    rescaled: NotRequired[dict[str, float]]
     strength_sigma: NotRequired[float]
     light_distance_mm: NotRequired[float]
     light_distance_sigma_mm: NotRequired[float]

@@ -20,6 +20,7 @@ from .recording import not_used as not_used
 from .recording import open_recording as open_recording
 from .recording import open_source as open_source
 from .recording import open_sources as open_sources
+from .recording import with_options as with_options
 from .recording import with_scale as with_scale
 from .relightable import fit_result as fit_result
 from .relightable import write_relightable as write_relightable

@@ -118,6 +118,12 @@ class Recording:
     files: list[Path]
     lit_by: SphereLights | None = None
 
+    def pixel_mm(self, stated: float | None) -> float | None:
+        """Return the stated size of a pixel of the frames, or the one by the spheres."""
+        if stated is None and self.lit_by is not None:
+            return self.lit_by.estimate.pixel_mm
+        return stated
+
 
 def open_recording(path: Path, options: RecordingOptions) -> Recording:
     """Read a recording as its options say.
@@ -205,6 +211,11 @@ def compute_normals(
     """Compute normals and show the progress; a notice that an option answers names the option."""
     with Stages() as progress:
         made = stage.run(source, files, progress)
+    return with_options(made)
+
+
+def with_options(made: processing.Reconstruction) -> processing.Reconstruction:
+    """Return a result whose notices and remedies name the options that answer them."""
     verdict = made.verdict
     causes = tuple(
         replace(cause, remedy=_with_option(cause.name, cause.remedy)) for cause in verdict.causes
@@ -221,6 +232,7 @@ _OPTIONS = {
     "light-brightness": "--semi-calibrated",
     "lights-fading": "--semi-calibrated",
     "lights-not-distant": "--light-distance-mm D or estimate",
+    "light-distance-uncertain": "--light-distance-mm",
     "height-doubtful": "--height-mm, --rests-on-plane",
     "height-not-determined": "--height-mm, --rests-on-plane",
     "image-disagrees": "--exclude auto",

@@ -153,6 +153,9 @@ def describe_spheres(
         ],
         "residual_deg": float(np.mean(residual)) if len(residual) else None,
     }
+    if estimate.pixel_mm is not None and estimate.pixel_sigma_mm is not None:
+        metrics["pixel_mm"] = estimate.pixel_mm
+        metrics["pixel_sigma_mm"] = estimate.pixel_sigma_mm
     for figures, sphere in zip(metrics["spheres"], estimate.spheres, strict=True):
         if several:
             figures["recording"] = str(recordings[sphere.recording])

@@ -200,6 +200,8 @@ def normals_metrics(stage: processing.Reconstruction) -> NormalsMetrics:
             metrics["mean_height_sigma_mm"] = near.mean_height_sigma_mm
     if stage.excluded:
         metrics["excluded"] = list(stage.excluded)
+    if stage.rescaled:
+        metrics["rescaled"] = dict(stage.rescaled)
     if stage.strengths is not None:
         metrics["strength_sigma"] = float(np.median(stage.strengths.sigmas))
     if stage.light_distance is not None:

@@ -248,10 +248,9 @@ def test_the_rms_of_the_used_angles():
         pytest.param({"camera": replace(BENCH.camera, width=400)}, "400 x 330", id="width"),
         pytest.param({"camera": replace(BENCH.camera, height=400)}, "420 x 400", id="height"),
         pytest.param({"circles": [(9, 9, 9)]}, "both masks and circles", id="two kinds of marks"),
-        pytest.param({"radius_mm": 20.0}, "requires a camera", id="no camera"),
         pytest.param(
             {"radius_mm": 20.0, "camera": replace(BENCH.camera, working_distance_mm=None)},
-            "camera with a working distance",
+            "requires the working distance",
             id="no working distance",
         ),
         *(

@@ -337,7 +337,6 @@ def test_no_sphere_in_images_of_the_coin():
         "mask-size": ({"masks": [np.ones((5, 5), bool)]}, DataError, "does not fit"),
         "mask-empty": ({"masks": [np.zeros((512, 640), bool)]}, EstimateError, "empty"),
         "negative-circle": ({"circles": [(9, 9, -4)]}, DataError, "is invalid"),
-        "radius-no-camera": ({"radius_mm": 10.0}, DataError, "requires a camera"),
         "endless-circle": ({"circles": [(9, 9, np.inf)]}, DataError, "is invalid"),
         "circle-nowhere": ({"circles": [(np.nan, 9, 9)]}, DataError, "is invalid"),
         "masks-and-circles": (

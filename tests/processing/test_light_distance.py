@@ -93,3 +93,16 @@ def test_the_error_of_the_distance_is_that_of_the_positions():
     ):
         assert np.allclose(covariance @ direction, 400 * direction)
     assert np.allclose(lights.errors.mu_std, 0.1)
+
+
+@cases(
+    ("sigma", "texts"),
+    {
+        "stated": (0.0, []),
+        "certain": (45.0, []),
+        "rough": (75.0, ["it is from 385 mm to 714 mm; measure and state it"]),
+    },
+)
+def test_a_rough_distance_is_reported_with_its_range(sigma, texts):
+    found = [notice.text.split(": ")[1] for notice in LightDistance(500.0, sigma).warnings]
+    assert found == texts

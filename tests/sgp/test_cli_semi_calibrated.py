@@ -41,20 +41,21 @@ def words(folder):
     return ("normals", folder / "images", "--lights", folder / "lights.json", "--method", "ls")
 
 
-def test_the_image_that_disagrees_is_left_out_and_recorded(sgp, words, tmp_path):
+def test_the_image_on_another_scale_is_divided_and_recorded(sgp, words, tmp_path):
     answer = sgp(*words, "--exclude", "auto", "--out", tmp_path / "out").ok()
-    assert "ball.4 (1.29 times as bright)" in " ".join(answer.err.split())
+    assert "divided by a factor: ball.4 (1.30 times)" in " ".join(answer.err.split())
     record = json.loads((tmp_path / "out" / "normals.json").read_text(encoding="utf-8"))
-    assert record["metrics"]["excluded"] == ["ball.4"]
-    assert record["metrics"]["images"] == COUNT - 1
-    assert [notice["code"] for notice in record["notices"]] == ["images-excluded"]
+    assert "excluded" not in record["metrics"]
+    assert record["metrics"]["rescaled"] == {"ball.4": pytest.approx(1.3, rel=0.005)}
+    assert record["metrics"]["images"] == COUNT
+    assert [notice["code"] for notice in record["notices"]] == ["images-rescaled"]
     assert record["parameters"]["exclude"] == ["auto"]
 
 
-def test_named_and_disagreeing_images_are_left_out_together(sgp, words, tmp_path):
+def test_named_images_are_left_out_before_others_are_divided(sgp, words, tmp_path):
     metrics = sgp(*words, "--exclude", "auto,ball.0", "--out", tmp_path / "out", "--json").figures()
-    assert metrics["excluded"] == ["ball.4"]
-    assert metrics["images"] == COUNT - 2
+    assert list(metrics["rescaled"]) == ["ball.4"]
+    assert metrics["images"] == COUNT - 1
 
 
 def test_estimated_strengths_are_written_and_can_be_used_again(sgp, words, folder, tmp_path):

@@ -52,6 +52,17 @@ def test_normals_with_the_lights_of_the_spheres(sgp, recording, tmp_path):
     assert {"lights", "lights_png"} <= record.outputs.keys()
 
 
+def test_a_radius_without_a_camera_gives_the_scale(sgp, recording, tmp_path):
+    out = tmp_path / "normals"
+    words = ("--spheres", "--radius-mm", 12, "--downscale", 2)
+    result = sgp("normals", recording, *words, "--out", out, "--json").ok()
+    assert "scale-from-spheres" in result.codes()
+    assert read_lights(out / "lights.json").positions_mm is None
+    # Of a pixel of the frames, as when it is stated.
+    pixel = read_record(out / "normals.json").parameters["pixel_mm"]
+    assert pixel == pytest.approx(12 / RADIUS, rel=0.01)
+
+
 @pytest.mark.slow
 def test_the_lights_are_those_of_calibrate(sgp, recording, tmp_path):
     """A region is cut after the calibration in complete images, without the excluded ones."""

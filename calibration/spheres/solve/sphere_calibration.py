@@ -63,6 +63,9 @@ class SphereCalibration:
         for a direction from only one sphere.
     warnings
         Spheres and highlights that were left out, and doubts about the lights.
+    pixel_mm, pixel_sigma_mm
+        Size of a pixel at the height of the centres of the spheres, and its standard deviation;
+        None unless radii are known and the camera is not.
     """
 
     lights: Lights
@@ -71,6 +74,8 @@ class SphereCalibration:
     used: Bool
     residuals_deg: Float64
     warnings: tuple[Notice, ...]
+    pixel_mm: float | None = None
+    pixel_sigma_mm: float | None = None
 
     __repr__ = short_repr
 
