@@ -2,10 +2,10 @@
 
 Each scene is recorded as it is, and then with one imperfection at a time at three strengths: scenes
 of the simulator, and objects of DiLiGenT and of the University of Washington from the folder that
-SGP_DATA names. Harm is the mean angle to the true normals beyond
-that of the clean recording; an imperfection is harmful if this exceeds 1 degree and the standard
-deviation that is stated of the clean result. "named" counts verdicts that name it among the first two causes or the
-alternatives of these. Where the images do not distinguish two causes, either name is right.
+SGP_DATA names. Harm is the mean angle to the true normals beyond that of the clean recording; an
+imperfection is harmful if this exceeds 1 degree and the standard deviation that is stated of the
+clean result. "named" counts verdicts that name it among the first two causes or the alternatives of
+these. Where the images do not distinguish two causes, either name is right.
 
 Rows that are in the file are not computed again. Seeds below 1000 were used for development.
 
