@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -69,12 +70,12 @@ class BlockModel:
 
     __repr__ = short_repr
 
-    @property
+    @cached_property
     def albedo(self) -> Float64:
         """``(P,)``."""
         return np.asarray(np.maximum(np.linalg.norm(self.scaled_normals, axis=1), 1e-9))
 
-    @property
+    @cached_property
     def normals(self) -> Float64:
         """``(P, 3)``."""
         return np.asarray(self.scaled_normals / self.albedo[:, None])

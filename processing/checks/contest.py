@@ -123,8 +123,8 @@ class Contest:
             np.concatenate([widths, *(one.widths for one in self._hypotheses)]),
         )
 
-    def decide(self) -> Decision:
-        """Return the causes that are found, and what could not be."""
+    def decide(self, *, limits: bool = True) -> Decision:
+        """Return the causes that are found, and what could not be if ``limits`` are requested."""
         equations = self._equations
         causes: list[Cause] = []
         while len(causes) < _MOST_CAUSES:
@@ -137,7 +137,8 @@ class Contest:
                 break  # sizes of others are those of a wrong curve
             equations = equations.with_nuisances(best.basis, best.widths)
         tried = tuple(dict.fromkeys(one.name for one in self._hypotheses))
-        hidden, least = self._limits(equations, {cause.name for cause in causes})
+        known = {cause.name for cause in causes}
+        hidden, least = self._limits(equations, known) if limits else ((), {})
         unexplained = equations.base / self._equations.squares
         return Decision(tuple(causes), unexplained, tried, hidden, least, self._outstanding)
 

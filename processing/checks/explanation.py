@@ -159,7 +159,8 @@ def explain(recorded: Recorded, model: BlockModel, shown: ShownLights) -> Explan
     common, outstanding = decided.causes, decided.outstanding
     if recorded.detail is not None:
         # Blocks of many pixels hardly move.
-        fine = _contest(recorded, recorded.detail, recorded.detail.fit(lights, wrong))
+        model = recorded.detail.fit(lights, wrong)
+        fine = _contest(recorded, recorded.detail, model, limits=False)
         moved = [] if fine is None else [one for one in fine.causes if one.name in MOVEMENTS]
         if fine is not None and moved:
             common = (*moved, *(one for one in common if one.name not in MOVEMENTS))
@@ -175,7 +176,9 @@ def explain(recorded: Recorded, model: BlockModel, shown: ShownLights) -> Explan
     )
 
 
-def _contest(recorded: Recorded, blocks: Blocks, model: BlockModel) -> Decision | None:
+def _contest(
+    recorded: Recorded, blocks: Blocks, model: BlockModel, *, limits: bool = True
+) -> Decision | None:
     """Return what explains the blocks; None if they are too few."""
     slopes = slopes_of(model)
     usable = _usable(model, slopes)
@@ -184,8 +187,9 @@ def _contest(recorded: Recorded, blocks: Blocks, model: BlockModel) -> Decision 
     rays = None if recorded.view is None else recorded.view.rise(blocks.points)
     relative = recorded.strengths / np.exp(np.log(recorded.strengths).mean())
     columns = columns_of(model, recorded.lights, relative, rays, slopes)
-    pixel_mm = recorded.pixel_mm
-    return Contest(model, columns, usable, recorded.lights, blocks.size, pixel_mm, rays).decide()
+    size, pixel_mm = blocks.size, recorded.pixel_mm
+    contest = Contest(model, columns, usable, recorded.lights, size, pixel_mm, rays)
+    return contest.decide(limits=limits)
 
 
 def _usable(model: BlockModel, slopes: tuple[Float64, Float64]) -> Intp:
