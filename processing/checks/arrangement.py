@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from acquisition import Lights
+from processing.checks import limits
 from processing.checks.block_model import BlockModel, light_vectors, solved
 from rig import pluralize
 from rig.arrays import Float64, Intp
@@ -16,11 +17,7 @@ from rig.arrays import Float64, Intp
 _BLOCKS = 600
 _STEPS = 4
 _LARGEST = 0.5
-# Residual after a change of the arrangement, relative to the given one.
-_BETTER = 0.6
 _FEWEST_LIGHTS = 6
-# A smaller residual needs no other arrangement.
-_GOOD = 0.03
 _TURNS = {
     "upside down": (-1, -1, 1),
     "mirrored left to right": (-1, 1, 1),
@@ -94,7 +91,7 @@ def better_arrangement(model: BlockModel, samples: Float64, lights: Lights) -> A
     flat, samples = light_vectors(lights, points), samples[some]
     strengths = np.asarray(lights.intensities).mean(axis=1)
     given = min(residual_of(samples, vectors) for vectors in (model.vectors[some], flat))
-    if given < _GOOD:
+    if given < limits.GOOD:
         return None
     found = []
     for text, signs in _TURNS.items():
@@ -108,7 +105,7 @@ def better_arrangement(model: BlockModel, samples: Float64, lights: Lights) -> A
         lists = f"the lists of lights and images are {text}"
         found.append(Arrangement("lights-shuffled", lists, residual, taken))
     best = min(found, key=lambda one: one.residual)
-    return best if best.residual < _BETTER * given else None
+    return best if best.residual < limits.BETTER * given else None
 
 
 def turned_lights(lights: Lights, angle_deg: float) -> Lights:

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from acquisition import Lights
+from processing.checks import limits
 from processing.images.block_means import Cells
 from rig import short_repr
 from rig.arrays import Bool, Float64, Intp
@@ -16,13 +17,6 @@ from rig.arrays import Bool, Float64, Intp
 # Noise of a block mean: a share of the largest signal, and of the sample.
 _NOISE, _RELATIVE_NOISE = 0.002, 0.01
 _STEPS = 5
-# Residuals in standard deviations beyond which a sample loses weight (Huber, 1964).
-_HUBER = 2.5
-# Samples predicted below this share of the brightest of their block may be in shadow, and those
-# predicted below minus this share are in attached shadow.
-_DIM, _ATTACHED = 0.05, 0.04
-# Darker than this share of the prediction: cast shadow.
-_CAST = 0.35
 _MAD_TO_SIGMA = 1.4826
 
 
@@ -177,9 +171,9 @@ def fit_blocks(
         scaled = solved(vectors, weights, seen)
         predicted = (vectors @ scaled[..., None])[..., 0]
         brightest = np.maximum(predicted.max(axis=1, keepdims=True), 1e-6)
-        lit = measured & (predicted > _DIM * brightest)
-        attached = measured & (predicted < -_ATTACHED * brightest)
-        cast = (seen < _CAST * predicted) & (predicted > 3 * _DIM * brightest)
+        lit = measured & (predicted > limits.DIM * brightest)
+        attached = measured & (predicted < -limits.ATTACHED * brightest)
+        cast = (seen < limits.CAST * predicted) & (predicted > 3 * limits.DIM * brightest)
         variance = _NOISE**2 + (_RELATIVE_NOISE * np.maximum(predicted, 0)) ** 2
         off = np.abs(seen - np.where(attached, 0.0, predicted)) / np.sqrt(variance)
         # The median of the lit ones: others are sorted behind them.
@@ -188,7 +182,7 @@ def fit_blocks(
         spread = np.take_along_axis(ordered, np.minimum(middle, count - 1), axis=1)
         spread = np.clip(_MAD_TO_SIGMA * spread, 0.3, 1e6)
         variance = variance * spread**2
-        robust = np.minimum(1, _HUBER * spread / np.maximum(off, 1e-9)) / variance
+        robust = np.minimum(1, limits.HUBER * spread / np.maximum(off, 1e-9)) / variance
         enough = (lit & ~cast).sum(axis=1) >= min(6, count - 1)
         weights = np.where(lit & ~cast & enough[:, None], robust, 0.0)
         weights[~enough] = 1e-9

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from acquisition import Lights
+from processing.checks import limits
 from processing.checks.block_model import BlockModel
 from processing.checks.causes import KINDS, Hypothesis, hypotheses_of, nuisances_of
 from processing.checks.derivatives import Columns
@@ -17,21 +18,8 @@ from processing.checks.verdict import Cause
 from rig import pluralize
 from rig.arrays import Float64, Intp
 
-# A cause is found if its logarithmic evidence is larger, and the share of the squared residual that
-# it foresees. Of 52 correct simulated recordings, gloss imitates causes that foresee up to 0.05.
-_EVIDENCE, _FORESEEN = 30.0, 0.06
-# Causes with this share of the evidence of the best one cannot be distinguished from it. A special
-# case with this share is named instead of the general one.
-_TIED, _SPECIAL = 0.9, 0.8
 _MOST_CAUSES = 3
 _CURVE = "transfer-curve-doubtful"
-_LARGEST_POWER = 3.0
-# Standard deviations that one of the parameters exceeds.
-_SIGMAS = 3.0
-# An effect on normals that matters, in degrees.
-_MATTERS_DEG = 1.0
-# Parameters of single images are named if they exceed the typical one so many times.
-_OUTSTANDING = 4.0
 _LISTED = 6
 
 
@@ -41,10 +29,10 @@ _Row = tuple[Hypothesis, Fitted]
 def _possible(row: _Row) -> bool:
     """Return whether a size is known, and can exist: no room light is darker than none."""
     hypothesis, fitted = row
-    if not np.any(np.abs(fitted.size) > _SIGMAS * fitted.sigma):
+    if not np.any(np.abs(fitted.size) > limits.SIGMAS * fitted.sigma):
         return False
     if hypothesis.name == _CURVE:
-        return bool(0 < 1 + fitted.size[0] < _LARGEST_POWER)
+        return bool(0 < 1 + fitted.size[0] < limits.LARGEST_POWER)
     return hypothesis.name != "ambient-light" or bool(fitted.size[0] > 0)
 
 
@@ -152,7 +140,9 @@ class Contest:
         enough = {
             name: row
             for name, row in rows.items()
-            if row[1].evidence > _EVIDENCE and row[1].foreseen > _FORESEEN and _possible(row)
+            if row[1].evidence > limits.EVIDENCE
+            and row[1].foreseen > limits.FORESEEN
+            and _possible(row)
         }
         if not enough:
             return []
@@ -160,14 +150,15 @@ class Contest:
         special = [
             row
             for row in enough.values()
-            if row[0].general == best[0].name and row[1].evidence > _SPECIAL * best[1].evidence
+            if row[0].general == best[0].name
+            and row[1].evidence > limits.SPECIAL * best[1].evidence
         ]
         if special:
             best = max(special, key=lambda row: row[1].evidence)
         tied = [
             row
             for name, row in enough.items()
-            if row[1].evidence > _TIED * best[1].evidence
+            if row[1].evidence > limits.TIED * best[1].evidence
             and name not in (best[0].name, best[0].general)
         ]
         return [best, *tied]
@@ -223,7 +214,7 @@ class Contest:
         each = fitted.size.reshape(-1, len(self._lights))
         each = each - np.median(each, axis=1, keepdims=True)
         size = np.linalg.norm(each, axis=0)
-        limit = _OUTSTANDING * float(np.median(size))
+        limit = limits.OUTSTANDING * float(np.median(size))
         out = [int(i) for i in np.argsort(-size) if size[i] > limit]
         sigma = float(np.median(fitted.sigma))
         if not out or len(out) > len(size) // 4:
@@ -259,7 +250,9 @@ class Contest:
             worst = 0.0
             for i in range(hypothesis.basis.shape[1]):
                 column, width = hypothesis.basis[:, i : i + 1], hypothesis.widths[i : i + 1]
-                size = equations.least_size(column, width, self._design, _EVIDENCE, _FORESEEN)
+                size = equations.least_size(
+                    column, width, self._design, limits.EVIDENCE, limits.FORESEEN
+                )
                 capped = min(size, 2 * float(width[0]))
                 degrees = equations.effect_deg(column[:, 0] * capped)
                 worst = max(worst, float(np.sqrt(np.mean(degrees**2))))
@@ -267,6 +260,6 @@ class Contest:
                     kind = KINDS[name]
                     number = size * (kind.scale or self._size)
                     least[name] = f"{number:.2g} {kind.unit}".rstrip()
-            if worst > _MATTERS_DEG:
+            if worst > limits.MATTERS_DEG:
                 hidden.append(name)
         return tuple(hidden), least

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from acquisition import LINEAR, SRGB, Lights, TransferCurve, angle_deg
+from processing.checks import limits
 from processing.checks.arrangement import (
     Arrangement,
     better_arrangement,
@@ -33,10 +34,6 @@ _FEWEST_BLOCKS, _FEWEST_LIGHTS, _FEWEST_IMAGES = 100, 5, 4
 # Blocks with less albedo, relative to the bright parts, show nothing.
 _DARK = 1e-4
 _CURVE = "transfer-curve-doubtful"
-# Residual with another transfer curve, relative to the assumed one.
-_BETTER_CURVE = 0.6
-# A turn of all lights that is named, in degrees and standard deviations.
-_TURN_DEG, _TURN_SIGMAS = 1.5, 4.0
 _LISTED = 6
 
 
@@ -128,7 +125,7 @@ def explain(recorded: Recorded, model: BlockModel, shown: ShownLights) -> Explan
     if np.count_nonzero(model.valid) < _FEWEST_BLOCKS or len(lights) < _FEWEST_LIGHTS:
         return Explanation()
     other = better_arrangement(model, recorded.blocks.samples, lights)
-    curve, residual = _other_curve(recorded, model, _BETTER_CURVE)
+    curve, residual = _other_curve(recorded, model, limits.BETTER)
     arranged: Cause | None
     if curve is not None and (other is None or residual < other.residual):
         arranged = curve
@@ -259,7 +256,7 @@ def _other_axes(model: BlockModel, shape: Integrability) -> Cause | None:
 def _is_turned(shape: Integrability) -> bool:
     """Return whether a turn about the line of sight makes the normals those of a surface."""
     size, sigma = abs(shape.turn_deg), shape.turn_sigma_deg
-    clear = size > max(_TURN_DEG, _TURN_SIGMAS * sigma)
+    clear = size > max(limits.TURN_DEG, limits.TURN_SIGMAS * sigma)
     return clear and shape.turned_curl < min(shape.curl, shape.other_curl)
 
 

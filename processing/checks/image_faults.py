@@ -9,29 +9,15 @@ from typing import NamedTuple
 import numpy as np
 
 from acquisition import angle_deg
+from processing.checks import limits
 from processing.checks.block_model import BlockModel, fit_blocks
 from processing.checks.derivatives import LOBES, reflectance_of, slopes_of
 from rig.arrays import Bool, Float64
 
-# Costs are means of r^2 / (1 + r^2), with residuals r in units of this multiple of the typical one.
-_TOLERATED = 3.0
-_LEAST_RESIDUAL = 0.02
-# An image deviates if its cost exceeds the typical one by this. What explains it leaves at most
-# this share of the excess; an explanation with more parameters, of that of one with fewer.
-_EXCESS, _LEFT = 0.1, 0.4
-# An image with a larger cost shows something else, if nothing explains it.
-_FOREIGN = 0.7
-# If more images deviate, it is not known which are right.
-_MOST = 0.34
 _FEWEST_IMAGES = 6
 _STEPS = 5
-# Rows that belong to another image deviate in this share of each third of their width.
-# They are few, and the next rows deviate less: shadows begin gradually.
-_DEVIATING, _QUIET = 0.5, 0.25
-_FEWEST_ROWS, _MOST_ROWS = 3, 0.5
+_FEWEST_ROWS = 3
 _IDENTICAL = 1e-8
-# Lights closer together are the same. Gloss imitates lamps that moved by less.
-_SAME_DEG, _MOVED_DEG = 2.0, 6.0
 _TURNS = {
     "upside down": (-1, -1),
     "mirrored left to right": (1, -1),
@@ -90,10 +76,10 @@ def image_faults(model: BlockModel, turned: Turned, size: int, top: int) -> list
     costs = np.array([_cost(_off(model, i), scale) for i in range(count)])
     # The typical cost of images of shadows and gloss, not that of the worst ones.
     typical = float(np.median(costs))
-    suspects = [int(i) for i in np.flatnonzero(costs > typical + _EXCESS)]
+    suspects = [int(i) for i in np.flatnonzero(costs > typical + limits.EXCESS)]
     if copies:
         suspects = sorted({*suspects, *copies})
-    if not suspects or len(suspects) > _MOST * count:
+    if not suspects or len(suspects) > limits.MOST_IMAGES * count:
         return []
     others = _without(model, suspects)
     scale = _scale(others)
@@ -102,7 +88,7 @@ def image_faults(model: BlockModel, turned: Turned, size: int, top: int) -> list
     found = {}
     images = {i: _Image(others, i, scale, typical, size, top) for i in range(count)}
     for i in suspects:
-        if images[i].cost < typical + _EXCESS:
+        if images[i].cost < typical + limits.EXCESS:
             continue
         if i in copies:
             text = f"is the same image as that of {{{copies[i]}}}"
@@ -124,7 +110,9 @@ def _copies(model: BlockModel) -> dict[int, int]:
         return {}
     unit = model.samples[everywhere] / np.linalg.norm(model.samples[everywhere], axis=0)
     middle = _unit(model.vectors.mean(axis=0))
-    same = (1 - unit.T @ unit < _IDENTICAL) & (middle @ middle.T < np.cos(np.radians(_SAME_DEG)))
+    same = (1 - unit.T @ unit < _IDENTICAL) & (
+        middle @ middle.T < np.cos(np.radians(limits.SAME_LIGHT_DEG))
+    )
     return {int(i): int(j) for i, j in np.argwhere(same)[::-1]}
 
 
@@ -151,7 +139,7 @@ def _level(model: BlockModel) -> Float64:
 
 
 def _scale(model: BlockModel) -> float:
-    return _TOLERATED * max(model.relative_residual, _LEAST_RESIDUAL)
+    return limits.TOLERATED * max(model.relative_residual, limits.LEAST_RESIDUAL)
 
 
 def _cost(off: Float64, scale: float) -> float:
@@ -180,12 +168,12 @@ class _Image:
         best = _Explained(self.cost, 0, "", "")
         tried = sorted(self._tried(turned), key=lambda one: (one.parameters, one.cost))
         for one in tried:
-            few = one.parameters == best.parameters or best.cost > self._typical + _EXCESS
-            if few and one.cost - self._typical < _LEFT * (best.cost - self._typical):
+            few = one.parameters == best.parameters or best.cost > self._typical + limits.EXCESS
+            if few and one.cost - self._typical < limits.LEFT * (best.cost - self._typical):
                 best = one
         if best.parameters:
             return (best.name, best.text) if best.name else None
-        if self.cost < _FOREIGN:
+        if self.cost < limits.FOREIGN:
             return None
         off = np.median(np.abs(self._seen - self._predicted)[self._counted])
         return "image-disagrees", f"deviates by {off:.0%} of the signal under any light"
@@ -261,7 +249,7 @@ class _Image:
         light = self._solved(columns, self._seen - aside)
         cost = self._cost(np.maximum(aside + normals @ light, 0))
         angle = float(angle_deg(light, middle))
-        if angle < _MOVED_DEG:
+        if angle < limits.MOVED_DEG:
             return _Explained(cost, 3, "", "")
         text = f"has its light {angle:.1f} degrees from the given one"
         return _Explained(cost, 3, "light-moved", text)
@@ -285,17 +273,17 @@ class _Image:
         each = np.where(self._counted, off**2 / (1 + off**2), 0.0)
         count = np.bincount(rows[self._counted], minlength=self._model.shape[0])
         sums = np.bincount(rows, weights=each, minlength=self._model.shape[0])
-        first, last = _largest_sum(sums - _DEVIATING * count)
+        first, last = _largest_sum(sums - limits.DEVIATING * count)
         inside = self._counted & (rows >= first) & (rows <= last)
-        if last - first + 1 < _FEWEST_ROWS or inside.sum() > _MOST_ROWS * self._counted.sum():
+        if last - first + 1 < _FEWEST_ROWS or inside.sum() > limits.MOST_ROWS * self._counted.sum():
             return
         beside = [row for row in (first - 2, last + 2) if 0 <= row < len(count) and count[row]]
-        quiet = self._typical + _QUIET
+        quiet = self._typical + limits.QUIET
         if not beside or any(sums[row] > quiet * count[row] for row in beside):
             return
         thirds = np.digitize(across[inside], np.quantile(across[inside], (1 / 3, 2 / 3)))
-        shares = [np.mean(each[inside][thirds == k] > _DEVIATING) for k in range(3)]
-        if min(shares) < _DEVIATING:
+        shares = [np.mean(each[inside][thirds == k] > limits.DEVIATING) for k in range(3)]
+        if min(shares) < limits.DEVIATING:
             return
         cost = (each[self._counted & ~inside].sum() + self._typical * inside.sum()) / max(
             int(self._counted.sum()), 1

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from acquisition import angle_deg
+from processing.checks import limits
 from processing.checks.block_model import BlockModel, solved
 from rig import short_repr
 from rig.arrays import Bool, Float64
@@ -15,12 +16,7 @@ _BLOCKS = 3000
 _ROUNDS = 12
 # Darker samples, relative to the brightest of their block, may be in shadow.
 _DARK = 0.1
-# Images of objects whose normals vary by less than about 8 degrees do not show where lights are.
-_LEAST_RELIEF = 0.04
 _FEWEST_IMAGES, _FEWEST_CHECKED = 5, 8
-# Lights are in another order if two thirds of them are farther off, and the residual is larger than
-# this and this multiple of what any lights leave.
-_SHUFFLED_DEG, _SHUFFLED_RESIDUAL, _SHUFFLED_FACTOR = 15.0, 0.1, 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,9 +51,9 @@ class ShownLights:
     @property
     def contradict(self) -> bool:
         """Whether the images show other lights than the given ones."""
-        limit = max(_SHUFFLED_RESIDUAL, _SHUFFLED_FACTOR * self.consistency)
+        limit = max(limits.SHUFFLED_RESIDUAL, limits.SHUFFLED_FACTOR * self.consistency)
         far = np.isfinite(self.error_deg).all() and np.quantile(self.error_deg, 2 / 3)
-        return bool(far > _SHUFFLED_DEG and self.residual > limit)
+        return bool(far > limits.SHUFFLED_DEG and self.residual > limit)
 
 
 def shown_lights(model: BlockModel) -> ShownLights:
@@ -86,7 +82,7 @@ def shown_lights(model: BlockModel) -> ShownLights:
         middle = vectors.mean(axis=0)
         aside = _lights(seen, vectors, normals, usable)
         relief = np.linalg.eigvalsh(normals.T @ normals / len(normals))
-        if count >= _FEWEST_CHECKED and relief[0] > _LEAST_RELIEF**2 * relief[2]:
+        if count >= _FEWEST_CHECKED and relief[0] > limits.LEAST_RELIEF**2 * relief[2]:
             moved = middle + aside
             gain = np.linalg.norm(moved, axis=1) / np.linalg.norm(middle, axis=1)
             error = np.asarray(angle_deg(moved, middle), np.float64)

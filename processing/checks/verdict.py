@@ -7,21 +7,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from processing.checks import limits
 from processing.checks.causes import KINDS
 from rig import Notice, Severity
 
 Answer = Literal["good", "check", "do-not-use"]
 
-# Changes of normals that matter and that forbid a use, in degrees, and multiples of the stated
-# standard deviation that they must exceed, too.
-_MATTERS_DEG, _MATTERS_SIGMAS = 1.0, 1.0
-_FORBIDS_DEG, _FORBIDS_SIGMAS = 5.0, 3.0
-# Share of the squared residual by which a cause makes standard deviations large.
-_LARGE_SHARE = 0.2
 # Error of a pixel without a normal.
 MISSING_DEG = 90.0
-# Larger standard deviations count as this one: residuals by a mistake make them large, too.
-_LARGEST_SIGMA_DEG = 4.0
 
 
 @dataclass(frozen=True)
@@ -94,8 +87,8 @@ class Cause:
         Standard deviations follow from the residual: those of a cause of which much of it comes
         are no excuse.
         """
-        if self.share > _LARGE_SHARE:
-            least_deg = _MATTERS_DEG
+        if self.share > limits.LARGE_SHARE:
+            least_deg = limits.MATTERS_DEG
         return self.inverts or not self.normals_deg <= least_deg
 
 
@@ -144,7 +137,7 @@ class Verdict:
         >>> Verdict((), sigma_deg=0.3, residual=0.2, noise=0.02, unexplained_deg=2).answer
         'check'
         """
-        forbids = max(_FORBIDS_DEG, _FORBIDS_SIGMAS * self._sigma_deg)
+        forbids = max(limits.FORBIDS_DEG, limits.FORBIDS_SIGMAS * self._sigma_deg)
         if any(cause.inverts or cause.normals_deg > forbids for cause in self.causes):
             return "do-not-use"
         doubtful = bool(self.harmful) or self.unexplained_deg > self.matters_deg
@@ -153,11 +146,11 @@ class Verdict:
     @property
     def matters_deg(self) -> float:
         """The change of normals, in degrees, that a good result does not exceed."""
-        return max(_MATTERS_DEG, _MATTERS_SIGMAS * self._sigma_deg)
+        return max(limits.MATTERS_DEG, limits.MATTERS_SIGMAS * self._sigma_deg)
 
     @property
     def _sigma_deg(self) -> float:
-        return min(self.sigma_deg, _LARGEST_SIGMA_DEG)
+        return min(self.sigma_deg, limits.LARGEST_SIGMA_DEG)
 
     @property
     def harmful(self) -> tuple[Cause, ...]:
