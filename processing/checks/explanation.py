@@ -125,7 +125,7 @@ def explain(recorded: Recorded, model: BlockModel, shown: ShownLights) -> Explan
     if np.count_nonzero(model.valid) < _FEWEST_BLOCKS or len(lights) < _FEWEST_LIGHTS:
         return Explanation()
     other = better_arrangement(model, recorded.blocks.samples, lights)
-    curve, residual = _other_curve(recorded, model, limits.BETTER)
+    curve, residual = _other_curve(recorded, model, limits.BETTER_CURVE)
     arranged: Cause | None
     if curve is not None and (other is None or residual < other.residual):
         arranged = curve
