@@ -321,11 +321,16 @@ def _other_curve(
     light = other.light(assumed.samples(recorded.blocks.samples * signal)) / signal
     some = sparse_blocks(model)
     rays = None if recorded.view is None else recorded.view.rise(model.points)
-    # A wrong curve displaces the height of the surface.
-    before, after = (
-        mean_height(model, some, samples[some], recorded.lights, rays)[1]
-        for samples in (recorded.blocks.samples, light)
-    )
+
+    def residual(samples: Float64, curve: TransferCurve) -> float:
+        """Return the residual of stored samples at the height at which they fit best."""
+
+        def stored(radiance: Float64) -> Float64:
+            return curve.samples(radiance * signal)
+
+        return mean_height(model, some, samples[some], recorded.lights, rays, stored)[1]
+
+    before, after = residual(recorded.blocks.samples, assumed), residual(light, other)
     if after > better * before:
         return None, after
     text = (
