@@ -21,6 +21,7 @@ from processing.checks.contest import Contest, Decision
 from processing.checks.derivatives import columns_of, slopes_of
 from processing.checks.height_effect import height_effect_mm, mean_height, sparse_blocks
 from processing.checks.image_faults import ImageFault, Turned, image_faults
+from processing.checks.outline import inward, outward
 from processing.checks.shown_lights import ShownLights
 from processing.checks.verdict import Cause
 from processing.images.viewing_rays import View
@@ -126,6 +127,7 @@ def explain(recorded: Recorded, model: BlockModel, shown: ShownLights) -> Explan
         return Explanation()
     other = better_arrangement(model, recorded.blocks.samples, lights)
     curve, residual = _other_curve(recorded, model, limits.BETTER_CURVE)
+    rim = outward(recorded.normals)
     arranged: Cause | None
     if curve is not None and (other is None or residual < other.residual):
         arranged = curve
@@ -134,7 +136,7 @@ def explain(recorded: Recorded, model: BlockModel, shown: ShownLights) -> Explan
     elif shown.contradict:
         arranged = _unknown_order(shown)
     else:
-        arranged = _other_axes(model, recorded.shape)
+        arranged = _other_axes(model, recorded.shape) or inward(rim)
     if arranged is not None:
         # Sizes of others would be those of a wrong arrangement or curve.
         return Explanation((arranged,), (arranged.name,))
@@ -166,7 +168,7 @@ def explain(recorded: Recorded, model: BlockModel, shown: ShownLights) -> Explan
     return Explanation(
         (*causes, *common),
         tuple(dict.fromkeys((*tested.tried, *decided.tried))),
-        (*decided.not_excluded, *(() if lights.near else ("images-turned",))),
+        (*decided.not_excluded, *(() if lights.near or rim is not None else ("images-turned",))),
         decided.least,
         decided.unexplained,
         disagreeing | outstanding,

@@ -88,7 +88,7 @@ class Cause:
         are no excuse.
         """
         if self.share > limits.LARGE_SHARE:
-            least_deg = limits.MATTERS_DEG
+            least_deg = limits.LARGE_SHARE_DEG
         return self.inverts or not self.normals_deg <= least_deg
 
 

@@ -164,9 +164,16 @@ def test_wrong_axes_are_named(name: str) -> None:
     assert name in cause.text
 
 
-def test_a_turn_by_180_degrees_cannot_be_seen() -> None:
+def test_a_turn_by_180_degrees_is_seen_at_a_steep_outline_only() -> None:
     turned = replace(LIGHTS, directions=LIGHTS.unit_directions * [-1, -1, 1], axes=None)
-    assert codes(IMAGES, turned) == []
+    (cause,) = image_quality(IMAGES, turned, MASK).causes
+    assert cause.name == "images-turned"
+    assert "point inward" in cause.text
+    flat = np.zeros_like(MASK)
+    flat[30:66, 30:66] = True
+    found = image_quality(IMAGES, turned, flat)
+    assert found.causes == ()
+    assert "images-turned" in found.explanation.not_excluded
 
 
 def test_too_few_images_or_pixels_are_not_judged() -> None:
