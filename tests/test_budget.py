@@ -18,7 +18,7 @@ BUDGET = {
     "rig": (3702, 44, 58),
     "acquisition": (14981, 63, 149),
     "calibration": (10147, 30, 86),
-    "processing": (20751, 61, 191),
+    "processing": (20775, 61, 192),
     "simulator": (7323, 28, 65),
     "sgp": (14343, 0, 143),
 }

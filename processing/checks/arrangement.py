@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -13,6 +13,9 @@ from processing.checks import limits
 from processing.checks.block_model import BlockModel, light_vectors, solved
 from rig import pluralize
 from rig.arrays import Float64, Intp
+
+# Returns stored samples of light.
+Stored = Callable[[Float64], Float64]
 
 _BLOCKS = 600
 _STEPS = 4
@@ -61,8 +64,12 @@ class Arrangement(NamedTuple):
         return self.name == "images-turned"
 
 
-def residual_of(samples: Float64, vectors: Float64) -> float:
-    """Return the relative residual of blocks, with normals and albedo fitted robustly."""
+def residual_of(samples: Float64, vectors: Float64, stored: Stored | None = None) -> float:
+    """Return the relative residual of blocks, with normals and albedo fitted robustly.
+
+    Residuals are those of what ``stored`` returns of light: a curve that flattens samples would
+    always seem to fit better.
+    """
     measured = np.isfinite(samples)
     seen = np.where(measured, samples, 0.0)
     weights = measured.astype(np.float64)
@@ -73,6 +80,10 @@ def residual_of(samples: Float64, vectors: Float64) -> float:
         lit = measured & (predicted > 0.05 * brightest)
         spread = 1.4826 * float(np.median(off[lit])) if lit.any() else 1.0
         weights = np.where(lit, np.minimum(1, 2.5 * spread / np.maximum(off, 1e-9)), 1e-9)
+    if stored is not None:
+        predicted = stored(predicted)
+        brightest = np.maximum(predicted.max(axis=1, keepdims=True), 1e-6)
+        off = np.abs(stored(seen) - predicted) / brightest
     off = np.sort(np.minimum(off, _LARGEST)[measured] ** 2)
     kept = off[: max(1, int(0.95 * off.size))]
     return float(np.sqrt(kept.mean() / max(1 - 3 / samples.shape[1], 0.1)))

@@ -111,8 +111,8 @@ class Contest:
             np.concatenate([widths, *(one.widths for one in self._hypotheses)]),
         )
 
-    def decide(self, *, limits: bool = True) -> Decision:
-        """Return the causes that are found, and what could not be if ``limits`` are requested."""
+    def decide(self, *, with_limits: bool = True) -> Decision:
+        """Return the causes that are found, and what could not be if ``with_limits``."""
         equations = self._equations
         causes: list[Cause] = []
         while len(causes) < _MOST_CAUSES:
@@ -126,7 +126,7 @@ class Contest:
             equations = equations.with_nuisances(best.basis, best.widths)
         tried = tuple(dict.fromkeys(one.name for one in self._hypotheses))
         known = {cause.name for cause in causes}
-        hidden, least = self._limits(equations, known) if limits else ((), {})
+        hidden, least = self._limits(equations, known) if with_limits else ((), {})
         unexplained = equations.base / self._equations.squares
         return Decision(tuple(causes), unexplained, tried, hidden, least, self._outstanding)
 

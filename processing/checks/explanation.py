@@ -125,7 +125,7 @@ def explain(recorded: Recorded, model: BlockModel, shown: ShownLights) -> Explan
     if np.count_nonzero(model.valid) < _FEWEST_BLOCKS or len(lights) < _FEWEST_LIGHTS:
         return Explanation()
     other = better_arrangement(model, recorded.blocks.samples, lights)
-    curve, residual = _other_curve(recorded, model, limits.BETTER)
+    curve, residual = _other_curve(recorded, model, limits.BETTER_CURVE)
     arranged: Cause | None
     if curve is not None and (other is None or residual < other.residual):
         arranged = curve
@@ -157,7 +157,7 @@ def explain(recorded: Recorded, model: BlockModel, shown: ShownLights) -> Explan
     if recorded.detail is not None:
         # Blocks of many pixels hardly move.
         model = recorded.detail.fit(lights, wrong)
-        fine = _contest(recorded, recorded.detail, model, limits=False)
+        fine = _contest(recorded, recorded.detail, model, with_limits=False)
         moved = [] if fine is None else [one for one in fine.causes if one.name in MOVEMENTS]
         if fine is not None and moved:
             common = (*moved, *(one for one in common if one.name not in MOVEMENTS))
@@ -174,7 +174,7 @@ def explain(recorded: Recorded, model: BlockModel, shown: ShownLights) -> Explan
 
 
 def _contest(
-    recorded: Recorded, blocks: Blocks, model: BlockModel, *, limits: bool = True
+    recorded: Recorded, blocks: Blocks, model: BlockModel, *, with_limits: bool = True
 ) -> Decision | None:
     """Return what explains the blocks; None if they are too few."""
     slopes = slopes_of(model)
@@ -186,7 +186,7 @@ def _contest(
     columns = columns_of(model, recorded.lights, relative, rays, slopes)
     size, pixel_mm = blocks.size, recorded.pixel_mm
     contest = Contest(model, columns, usable, recorded.lights, size, pixel_mm, rays)
-    return contest.decide(limits=limits)
+    return contest.decide(with_limits=with_limits)
 
 
 def _usable(model: BlockModel, slopes: tuple[Float64, Float64]) -> Intp:
@@ -208,16 +208,9 @@ def robust_normals(blocks: Blocks, lights: Lights, kept: Sequence[int]) -> Norma
 
 
 def _arranged(other: Arrangement, effect_deg: float) -> Cause:
+    remedy = "turn the images, or the lights" if other.turned else "check the order of the files"
     return Cause(
-        other.name,
-        other.text,
-        np.nan,
-        "",
-        np.nan,
-        effect_deg,
-        np.nan,
-        "turn the images, or the lights" if other.turned else "check the order of the files",
-        inverts=other.inverts,
+        other.name, other.text, normals_deg=effect_deg, remedy=remedy, inverts=other.inverts
     )
 
 
@@ -229,7 +222,7 @@ def _unknown_order(shown: ShownLights) -> Cause:
     )
     remedy = "check the order of images and lights"
     effect = float(np.median(shown.error_deg))
-    return Cause("lights-shuffled", text, np.nan, "", np.nan, effect, np.nan, remedy)
+    return Cause("lights-shuffled", text, normals_deg=effect, remedy=remedy)
 
 
 def _other_axes(model: BlockModel, shape: Integrability) -> Cause | None:
@@ -250,7 +243,7 @@ def _other_axes(model: BlockModel, shape: Integrability) -> Cause | None:
     turn = 2 * np.arcsin(np.clip(np.abs(normals[:, :2]), 0, 1))
     effect = float(np.degrees(np.sqrt(np.mean(turn**2))))
     remedy = "check the axes of the lights (x right, y up)"
-    return Cause("lights-mirrored", text, np.nan, "", np.nan, effect, np.nan, remedy, inverts=True)
+    return Cause("lights-mirrored", text, normals_deg=effect, remedy=remedy, inverts=True)
 
 
 def _is_turned(shape: Integrability) -> bool:
@@ -276,7 +269,7 @@ def _turned_about_axis(recorded: Recorded, model: BlockModel, wrong: Sequence[in
     back = recorded.blocks.fit(turned_lights(recorded.lights, -size))
     text = kind.text.format(size=f"{size:.2g} +- {sigma:.1g} {kind.unit}")
     effect = _angle_deg(model, back)
-    return [Cause("lights-turned", text, size, kind.unit, sigma, effect, np.nan, kind.remedy)]
+    return [Cause("lights-turned", text, size, kind.unit, sigma, effect, remedy=kind.remedy)]
 
 
 def _of_images(found: Iterable[ImageFault], recorded: Recorded) -> Iterable[Cause]:
@@ -292,12 +285,11 @@ def _of_images(found: Iterable[ImageFault], recorded: Recorded) -> Iterable[Caus
         yield Cause(
             name,
             f"{noun}: {', '.join(texts[:_LISTED])}{more}",
-            float(len(faults)),
-            "images",
-            0.0,
-            _effect_without(recorded, out),
-            np.nan,
-            remedy,
+            size=float(len(faults)),
+            unit="images",
+            sigma=0.0,
+            normals_deg=_effect_without(recorded, out),
+            remedy=remedy,
             where=", ".join(ids[fault.image] for fault in faults),
         )
 
@@ -329,11 +321,16 @@ def _other_curve(
     light = other.light(assumed.samples(recorded.blocks.samples * signal)) / signal
     some = sparse_blocks(model)
     rays = None if recorded.view is None else recorded.view.rise(model.points)
-    # A wrong curve displaces the height of the surface.
-    before, after = (
-        mean_height(model, some, samples[some], recorded.lights, rays)[1]
-        for samples in (recorded.blocks.samples, light)
-    )
+
+    def residual(samples: Float64, curve: TransferCurve) -> float:
+        """Return the residual of stored samples at the height at which they fit best."""
+
+        def stored(radiance: Float64) -> Float64:
+            return curve.samples(radiance * signal)
+
+        return mean_height(model, some, samples[some], recorded.lights, rays, stored)[1]
+
+    before, after = residual(recorded.blocks.samples, assumed), residual(light, other)
     if after > better * before:
         return None, after
     text = (
@@ -348,7 +345,7 @@ def _other_curve(
         seen = np.where(np.isfinite(light), light, 0.0)[some]
         height = height_effect_mm(model, seen, recorded.lights, rays, block_mm)
     remedy = f"{kind.remedy}: {other.name}"
-    return Cause(_CURVE, text, np.nan, "", np.nan, effect, height, remedy), after
+    return Cause(_CURVE, text, normals_deg=effect, height_mm=height, remedy=remedy), after
 
 
 def _angle_deg(one: BlockModel, other: BlockModel) -> float:

@@ -7,7 +7,7 @@ from scipy.optimize import minimize_scalar
 
 from acquisition import Lights
 from calibration import EstimateError
-from processing.checks.arrangement import residual_of
+from processing.checks.arrangement import Stored, residual_of
 from processing.checks.block_model import BlockModel, light_vectors
 from processing.maps.normal_map import NormalMap
 from processing.surface.integration import integrate
@@ -72,22 +72,27 @@ def height_effect_mm(
 
 
 def mean_height(
-    model: BlockModel, blocks: Intp, samples: Float64, lights: Lights, rays: Float64 | None
+    model: BlockModel,
+    blocks: Intp,
+    samples: Float64,
+    lights: Lights,
+    rays: Float64 | None,
+    stored: Stored | None = None,
 ) -> tuple[float, float]:
     """Return the rise in mm at which samples of blocks fit their lights best, and the residual.
 
-    The surface does not rise under distant lights.
+    The surface does not rise under distant lights. Residuals are those of `residual_of`.
     """
     some = slice(None, None, max(1, -(-len(blocks) // _BLOCKS)))
     points = model.points[blocks[some]]
     seen = np.where(model.samples[blocks[some]] > 0, samples[some], np.nan)
     if rays is None or lights.positions_mm is None:
-        return 0.0, residual_of(seen, light_vectors(lights, points))
+        return 0.0, residual_of(seen, light_vectors(lights, points), stored)
     along = rays[blocks[some]]
     away = float(np.mean(np.linalg.norm(lights.positions_mm, axis=1)))
 
     def residual(rise: float) -> float:
-        return residual_of(seen, light_vectors(lights, points + rise * along))
+        return residual_of(seen, light_vectors(lights, points + rise * along), stored)
 
     steps = np.linspace(-_RANGE, _RANGE, _STEPS) * away
     best = int(np.argmin([residual(float(rise)) for rise in steps]))

@@ -258,5 +258,4 @@ def _cause(notice: Notice) -> Cause:
     text, _, remedy = notice.text.rpartition("; ")
     if not text:
         text, remedy = notice.text, ""
-    nan = float("nan")
-    return Cause(notice.code, text, nan, "", nan, nan, nan, remedy, where=notice.where)
+    return Cause(notice.code, text, remedy=remedy, where=notice.where)

@@ -12,8 +12,8 @@ from processing.checks.block_model import BlockModel, solved
 from rig import short_repr
 from rig.arrays import Bool, Float64
 
-_BLOCKS = 3000
-_ROUNDS = 12
+_BLOCKS = 1500
+_ROUNDS, _STEPS = 10, 3
 # Darker samples, relative to the brightest of their block, may be in shadow.
 _DARK = 0.1
 _FEWEST_IMAGES, _FEWEST_CHECKED = 5, 8
@@ -114,16 +114,17 @@ def _robust(seen: Float64, vectors: Float64, normals: Float64) -> Float64:
 
 def _lights(seen: Float64, vectors: Float64, normals: Float64, usable: Bool) -> Float64:
     """Return the change ``(N, 3)`` of each light vector that explains most of its image."""
-    off = seen - (vectors @ normals[..., None])[..., 0]
+    off = np.where(usable, seen - (vectors @ normals[..., None])[..., 0], np.nan)
+    squares = (normals[:, :, None] * normals[:, None, :]).reshape(-1, 9)
+    weights, known = usable.astype(np.float64), usable.any(axis=0)
     found = np.zeros((seen.shape[1], 3))
-    for k in range(len(found)):
-        weights = usable[:, k].astype(np.float64)
-        for _ in range(4):
-            rows = normals * weights[:, None]
-            products = rows.T @ normals
-            ridge = 1e-9 * np.trace(products) + 1e-12
-            found[k] = np.linalg.solve(products + ridge * np.eye(3), rows.T @ off[:, k])
-            left = np.abs(off[:, k] - normals @ found[k])
-            typical = float(np.median(left[usable[:, k]])) if usable[:, k].any() else 1.0
-            weights = usable[:, k] / (1 + (left / max(2 * typical, 1e-6)) ** 2)
-    return found
+    for _ in range(_STEPS):
+        products = (weights.T @ squares).reshape(-1, 3, 3)
+        ridge = 1e-9 * np.trace(products, axis1=1, axis2=2)[:, None, None] + 1e-12
+        target = np.nan_to_num(weights * off).T @ normals
+        found = np.linalg.solve(products + ridge * np.eye(3), target[..., None])[..., 0]
+        left = np.abs(off - normals @ found.T)
+        typical = np.ones(len(found))
+        typical[known] = np.nanmedian(left[:, known], axis=0)
+        weights = usable / (1 + (np.nan_to_num(left) / np.maximum(2 * typical, 1e-6)) ** 2)
+    return np.asarray(found)

@@ -48,12 +48,12 @@ class Cause:
 
     name: str
     text: str
-    size: float
-    unit: str
-    sigma: float
-    normals_deg: float
-    height_mm: float
-    remedy: str
+    size: float = math.nan
+    unit: str = ""
+    sigma: float = math.nan
+    normals_deg: float = math.nan
+    height_mm: float = math.nan
+    remedy: str = ""
     inverts: bool = False
     alternatives: tuple[str, ...] = ()
     where: str = ""

@@ -43,7 +43,7 @@ def quality_lines(quality: processing.checks.ImageQuality) -> list[str]:
     elif len(errors):
         lines.append("lights not compared: too few images, or the object is too flat")
     if np.isfinite(quality.curl):
-        lines.append(f"curl {quality.curl:.2f} (surface 0, noise .7, mirrored 1)")
+        lines.append(f"curl {quality.curl:.2f} (0 for a surface, 0.7 for noise, 1 if mirrored)")
     return lines
 
 

@@ -123,16 +123,19 @@ def test_a_name_is_right_for_its_case(case, causes, near, uniform, named):
 
 
 @cases(
-    ("changed", "harms"),
+    ("changed", "stated", "harms"),
     {
-        "worse": (outcome(error=3.5), True),
-        "hardly worse": (outcome(error=2.9), False),
-        "as stated": (outcome(error=3.5, sigma=2), False),
-        "refused": (Outcome(), True),
+        "worse": (outcome(error=3.5), 0.5, True),
+        "hardly worse": (outcome(error=2.9), 0.5, False),
+        "as stated": (outcome(error=3.5), 2.0, False),
+        "as stated of itself": (outcome(error=3.5, sigma=2), 0.5, True),
+        "refused": (Outcome(), 0.5, True),
     },
 )
-def test_harm_is_an_error_beyond_the_clean_one_and_beyond_what_is_stated(changed, harms):
-    clean = Row.of(Key("ball", "1", NONE, "0"), ball(), outcome(error=2, answer="good"))
+def test_harm_exceeds_the_clean_error_by_more_than_is_stated_of_it(changed, stated, harms):
+    clean = Row.of(
+        Key("ball", "1", NONE, "0"), ball(), outcome(error=2, answer="good", sigma=stated)
+    )
     row = Row.of(Key("ball", "1", "drift", "1"), ball(), changed)
     assert row.harms(clean) == harms
 
