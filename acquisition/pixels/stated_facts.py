@@ -15,17 +15,24 @@ from acquisition.pixels.camera_raw import read_raw_header
 from acquisition.pixels.exif_block import Tags, exif_tags, number_of, xmp_tags
 from acquisition.pixels.image_input import opened_image, spec_attribute
 from acquisition.pixels.metadata_curve import StatedCurve, stated_curve
-from acquisition.pixels.stated_lens import HEIGHT, LENS_TAGS, WIDTH, StatedLens, stated_lens
+from acquisition.pixels.stated_lens import (
+    HEIGHT,
+    LENS_TAGS,
+    TAKEN,
+    WIDTH,
+    StatedLens,
+    stated_lens,
+)
 from acquisition.values.image_names import is_raw
 from acquisition.values.transfer_curve import LINEAR
 from rig import MAX_PIXELS
 
 # Exif 2.32, 4.6; of TIFF files the same numbers may be in the main directory.
 MAKE, MODEL, ORIENTATION = 271, 272, 274
-EXPOSURE_TIME, F_NUMBER, ISO_RATING, TAKEN = 33434, 33437, 34855, 36867
+EXPOSURE_TIME, F_NUMBER, ISO_RATING = 33434, 33437, 34855
 INDEX, ISO_SPEED, SHUTTER_SPEED, APERTURE = 34866, 34867, 37377, 37378
 SHOT_TAGS: Final = (
-    MAKE, MODEL, ORIENTATION, EXPOSURE_TIME, F_NUMBER, ISO_RATING, TAKEN, INDEX, ISO_SPEED,
+    MAKE, MODEL, ORIENTATION, EXPOSURE_TIME, F_NUMBER, ISO_RATING, INDEX, ISO_SPEED,
     SHUTTER_SPEED, APERTURE, *LENS_TAGS,
 )  # fmt: skip
 # The rating has 16 bits; this value means that another tag has the sensitivity.

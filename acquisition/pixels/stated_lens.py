@@ -10,11 +10,13 @@ from acquisition.pixels.exif_block import Tags
 
 # TIFF 6.0 (the size of the page) and Exif 2.32, 4.6.
 WIDTH, HEIGHT = 256, 257
+CHANGED, TAKEN = 306, 36867
 FOCAL, PIXEL_X, PIXEL_Y = 37386, 40962, 40963
 PLANE_X, PLANE_Y, PLANE_UNIT = 41486, 41487, 41488
 DIGITAL_ZOOM, FOCAL_35 = 41988, 41989
 LENS_TAGS: Final = (
-    WIDTH, HEIGHT, FOCAL, PIXEL_X, PIXEL_Y, PLANE_X, PLANE_Y, PLANE_UNIT, DIGITAL_ZOOM, FOCAL_35,
+    WIDTH, HEIGHT, CHANGED, TAKEN, FOCAL, PIXEL_X, PIXEL_Y, PLANE_X, PLANE_Y, PLANE_UNIT,
+    DIGITAL_ZOOM, FOCAL_35,
 )  # fmt: skip
 # Millimetres in the units of the resolution: inch, which is the default, cm, mm and um.
 _UNITS: Final = {2.0: 25.4, 3.0: 10.0, 4.0: 1.0, 5.0: 0.001}
@@ -41,6 +43,9 @@ class StatedLens:
         Width and height with which the camera wrote the image (PixelXDimension, PixelYDimension).
     digital_zoom
         Factor by which the camera enlarged a part of its image (DigitalZoomRatio).
+    changed
+        Whether a program changed the file after the shot (DateTime is not DateTimeOriginal): then
+        `size` may be that of a part.
     """
 
     focal_mm: float | None = None
@@ -48,6 +53,7 @@ class StatedLens:
     pixels_per_mm: float | None = None
     size: tuple[int, int] | None = None
     digital_zoom: float | None = None
+    changed: bool = False
 
 
 def stated_lens(tags: Tags) -> StatedLens:
@@ -70,6 +76,7 @@ def stated_lens(tags: Tags) -> StatedLens:
         pixels_per_mm=x / unit if x and unit and square else None,
         size=_size(tags, PIXEL_X, PIXEL_Y) or _size(tags, WIDTH, HEIGHT),
         digital_zoom=_positive(tags, DIGITAL_ZOOM),
+        changed=CHANGED in tags and TAKEN in tags and tags[CHANGED] != tags[TAKEN],
     )
 
 

@@ -21,10 +21,10 @@ _CODES = ("camera-from-exif", "camera-not-from-exif")
 # rounding, another zoom by more.
 _SAME = 0.002
 # Equivalent focal lengths are whole millimetres, and sizes of sensors are rounded too; a cropped
-# image whose size was stated anew differs by more.
+# image that states its size after cropping differs by more.
 _AGREE = 0.1
-# Diagonals of sensors, from those of endoscopes to those of scanning backs.
-_SMALLEST_MM, _LARGEST_MM = 1, 150
+# Diagonals of sensors, from those of telephones to those of scanning backs.
+_SMALLEST_MM, _LARGEST_MM = 3, 150
 # The image that a camera writes is smaller than its RAW data by a few rows and columns.
 _BORDER = 0.05
 
@@ -40,7 +40,7 @@ class _Focal(NamedTuple):
 def nominal_camera(
     images: Sequence[ImageFacts], size: tuple[int, int], where: Path
 ) -> tuple[CameraModel | None, tuple[Notice, ...]]:
-    """Return the camera of the focal length that all images of a recording state.
+    """Return the camera of the focal length that all images of a recording state, if they do.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def nominal_camera(
         Square pixels, the principal point in the middle, no distortion and no working distance;
         None if an image states no focal length, was cropped, or differs from the first.
     notices
-        The focal length, or why that of the metadata is not used; empty if there is none.
+        The focal length, or why that of the metadata is not used; empty if they state nothing.
     """
     lenses = [image.shot.lens for image in images]
     if not any(lens.focal_35_mm or (lens.focal_mm and lens.pixels_per_mm) for lens in lenses):
@@ -76,8 +76,12 @@ def nominal_camera(
                 f"but {images[0].path.name} one of {first.px:.0f} px ({first.origin})"
             )
             return None, (_not_from(text, where, differs=True),)
-    scaled = "" if first.scale == 1 else f", for images scaled by {first.scale:.4g}"
-    return of_focal_length(first.px, size, f"{first.origin}{scaled}", where)
+    origin = first.origin
+    if first.scale != 1:
+        origin += f", for images scaled by {first.scale:.4g}"
+    elif any(lens.changed and not (lens.pixels_per_mm and lens.focal_35_mm) for lens in lenses):
+        origin += ", if the program that changed the files did not crop or scale them"
+    return of_focal_length(first.px, size, origin, where)
 
 
 def of_focal_length(
@@ -118,7 +122,7 @@ def _not_from(why: str, where: Path, *, differs: bool = False) -> Notice:
 
 
 def _focal_of(image: ImageFacts, size: tuple[int, int]) -> _Focal | str:
-    """Return the focal length in pixels of an image of (height, width), or why there is none."""
+    """Return the focal length in pixels of an image of (height, width), or why it is not known."""
     lens, is_raw = image.shot.lens, not image.shape
     if lens.digital_zoom and lens.digital_zoom > 1.001:
         return f"was enlarged {lens.digital_zoom:g} times (DigitalZoomRatio)"
@@ -126,15 +130,19 @@ def _focal_of(image: ImageFacts, size: tuple[int, int]) -> _Focal | str:
         return "does not state the size with which it was taken (PixelXDimension)"
     taken = lens.size or size[::-1]
     found: list[_Focal] = []
-    if lens.focal_mm and lens.pixels_per_mm:
-        diagonal_mm = math.hypot(*taken) / lens.pixels_per_mm
-        if _SMALLEST_MM < diagonal_mm < _LARGEST_MM:
-            origin = f"{lens.focal_mm:g} mm, pixels of {1000 / lens.pixels_per_mm:.4g} um, Exif"
-            found.append(_Focal(lens.focal_mm * lens.pixels_per_mm, origin, 1))
+    diagonal_mm = math.hypot(*taken) / (lens.pixels_per_mm or math.inf)
+    if lens.focal_mm and lens.pixels_per_mm and _SMALLEST_MM < diagonal_mm < _LARGEST_MM:
+        origin = f"{lens.focal_mm:g} mm, pixels of {1000 / lens.pixels_per_mm:.4g} um, Exif"
+        found.append(_Focal(lens.focal_mm * lens.pixels_per_mm, origin, 1))
     if lens.focal_35_mm:
         # The field of view is that of the diagonal.
         px = lens.focal_35_mm * math.hypot(*taken) / FILM_DIAGONAL_MM
         found.append(_Focal(px, f"{lens.focal_35_mm:g} mm on 35 mm film, Exif", 1))
+    if not found and lens.focal_mm and lens.pixels_per_mm:
+        return (
+            f"states a sensor with a diagonal of {diagonal_mm:.3g} mm (FocalPlaneXResolution): it "
+            "was probably cropped or scaled"
+        )
     if not found:
         return "states no focal length with the size of its pixels, as others do"
     if len(found) == 2 and abs(found[0].px / found[1].px - 1) > _AGREE:
@@ -144,7 +152,10 @@ def _focal_of(image: ImageFacts, size: tuple[int, int]) -> _Focal | str:
         )
     scale = _raw_scale(taken, size) if is_raw else _scale(taken, size)
     if scale is None:
-        return f"was taken with {taken[0]} x {taken[1]} pixels and cropped to {size[1]} x {size[0]}"
+        return (
+            f"was taken with {taken[0]} x {taken[1]} pixels and has {size[1]} x {size[0]}, as after "
+            "cropping"
+        )
     return _Focal(found[0].px * scale, found[0].origin, scale)
 
 

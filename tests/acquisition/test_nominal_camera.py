@@ -14,6 +14,7 @@ import tifffile
 from PIL import Image
 
 from acquisition import CameraModel, crop, downscale, import_frames, read_source
+from acquisition.exports import prepare_export
 from acquisition.imports import read_import
 from acquisition.pixels import image_facts
 from acquisition.source import source_setup
@@ -24,9 +25,11 @@ from tests.cases import cases
 SIZE = (60, 40)
 TAG = {
     "width": 256, "height": 257, "orientation": 274, "focal": 37386, "x_px": 40962, "y_px": 40963,
-    "x_res": 41486, "y_res": 41487, "unit": 41488, "zoom": 41988, "film": 41989,
+    "changed": 306, "taken": 36867, "x_res": 41486, "y_res": 41487, "unit": 41488,
+    "zoom": 41988, "film": 41989,
 }  # fmt: skip
 RATIONAL = ("focal", "x_res", "y_res", "zoom")
+YEAR = ("changed", "taken")
 # 60 x 40 pixels of a sensor of 36 x 24 mm: 5/3 pixels on a millimetre.
 FULL = {"focal": 50, "x_res": 5 / 3 * 25.4, "unit": 2, "x_px": 60, "y_px": 40}
 FILM = {"focal": 25, "film": 75, "x_px": 60, "y_px": 40}
@@ -36,15 +39,17 @@ def entries(stated: dict[str, float]) -> list[Tag]:
     return [
         tag(TAG[name], 5, (round(value * 30000), 30000))
         if name in RATIONAL
+        else tag(TAG[name], 2, f"{value}:02:03 04:05:06\0".encode())
+        if name in YEAR
         else tag(TAG[name], 3, (int(value),))
         for name, value in stated.items()
     ]
 
 
 def exif(**stated: float) -> bytes:
-    """Return an Exif block of these tags, of which the first page has those below 300."""
-    first = entries({name: value for name, value in stated.items() if TAG[name] < 300})
-    inner = entries({name: value for name, value in stated.items() if TAG[name] > 300})
+    """Return an Exif block of these tags, of which the first page has those below 307."""
+    first = entries({name: value for name, value in stated.items() if TAG[name] < 307})
+    inner = entries({name: value for name, value in stated.items() if TAG[name] > 307})
     begin = 8 + len(directory([*first, tag(34665, 4, (0,))], 8))
     main = directory([*first, tag(34665, 4, (begin,))], 8)
     return b"II*\0\x08\0\0\0" + main + directory(inner, begin)
@@ -197,17 +202,17 @@ def test_the_focal_length_by_what_is_stated(
             (FULL, {"x_px": 60, "y_px": 40}), "info", r"a\.1\.jpg states no focal length"
         ),
         "cropped": (
-            ({**FULL, "x_px": 90, "y_px": 40},) * 2, "info", "90 x 40 pixels and cropped to 60 x 40"
+            ({**FULL, "x_px": 90, "y_px": 40},) * 2, "info", "90 x 40 pixels and has 60 x 40, as after"
         ),
         "size not stated": (
             ({"focal": 50, "x_res": 42.0},) * 2, "info", "with which it was taken"
         ),
-        "cropped, and its size stated anew": (
+        "cropped, with the size after that": (
             ({**FULL, "film": 80},) * 2, "info", r"contradicts itself, as after cropping: 83 px"
         ),
         "digital zoom": (({**FULL, "zoom": 2},) * 2, "info", "enlarged 2 times"),
-        "a sensor of half a metre": (
-            ({**FULL, "x_res": 2.0},) * 2, "info", "states no focal length with the size"
+        "no sensor is so large": (
+            ({**FULL, "x_res": 2.0},) * 2, "info", "sensor with a diagonal of 916 mm"
         ),
     },
 )  # fmt: skip
@@ -241,6 +246,21 @@ def test_what_states_no_focal_length_in_pixels_says_nothing(
     assert codes(source) == []
 
 
+@cases(
+    ("stated", "said"),
+    {
+        "as taken": ({**FULL, "changed": 2026}, False),
+        "changed": ({**FULL, "changed": 2027}, True),
+        "changed, and film agrees": ({**FULL, "film": 50, "changed": 2027}, False),
+        "changed, and scaled": ({**FULL, "size": (30, 20), "changed": 2027}, False),
+    },
+)
+def test_files_that_a_program_changed(tmp_path: Path, stated: dict[str, Any], said: bool) -> None:
+    source = read_source(record(tmp_path, {**stated, "taken": 2026}))
+    (notice,) = (one for one in source.warnings if one.code == "camera-from-exif")
+    assert ("if the program that changed the files did not crop" in notice.text) == said
+
+
 def test_size_of_the_page_of_a_tiff_is_not_that_of_the_shot(tmp_path: Path) -> None:
     write_tiff(tmp_path / "a.tif", focal=50, x_res=42.0)
     assert image_facts(tmp_path / "a.tif").shot.lens.size is None
@@ -271,6 +291,8 @@ def test_an_imported_session_keeps_the_focal_length_as_metadata(tmp_path: Path) 
     source = read_import(record(tmp_path / "images", FULL, FULL))
     session = import_frames(source, tmp_path / "session")
     assert session.camera_model is None
+    written = prepare_export(tmp_path / "session", "exr").write(tmp_path / "export")
+    assert "camera.json" not in [path.name for path in written]
     again = read_source(tmp_path / "session")
     assert again.camera_nominal
     assert again.camera is not None
