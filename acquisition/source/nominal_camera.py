@@ -153,8 +153,8 @@ def _focal_of(image: ImageFacts, size: tuple[int, int]) -> _Focal | str:
     scale = _raw_scale(taken, size) if is_raw else _scale(taken, size)
     if scale is None:
         return (
-            f"was taken with {taken[0]} x {taken[1]} pixels and has {size[1]} x {size[0]}, as after "
-            "cropping"
+            f"was taken with {taken[0]} x {taken[1]} pixels and has {size[1]} x {size[0]}, as "
+            "after cropping"
         )
     return _Focal(found[0].px * scale, found[0].origin, scale)
 

@@ -202,7 +202,7 @@ def test_the_focal_length_by_what_is_stated(
             (FULL, {"x_px": 60, "y_px": 40}), "info", r"a\.1\.jpg states no focal length"
         ),
         "cropped": (
-            ({**FULL, "x_px": 90, "y_px": 40},) * 2, "info", "90 x 40 pixels and has 60 x 40, as after"
+            ({**FULL, "x_px": 90},) * 2, "info", "90 x 40 pixels and has 60 x 40, as after"
         ),
         "size not stated": (
             ({"focal": 50, "x_res": 42.0},) * 2, "info", "with which it was taken"
