@@ -39,7 +39,7 @@ BETTER = 0.6
 # The same under another transfer curve: right ones leave up to 0.47, 0.76 in three real captures;
 # of 90 correct recordings and these, another curve leaves 1.08 at least.
 BETTER_CURVE = 0.85
-# Residual, 0..1, that needs no other arrangement.
+# Residual, 0..1, that needs no other arrangement, and no explanation.
 GOOD = 0.03
 # Degrees, residual and times that of free lights: lights are in an unknown order. Another curve
 # displaces two thirds of the lights by up to 12 degrees, shuffled lists by 20 and more.

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from acquisition import DataError, Lights, TransferCurve
+from processing.checks import limits
 from processing.checks.block_model import BlockModel, Blocks
 from processing.checks.derivatives import slopes_of
 from processing.checks.explanation import Explanation, Recorded, explain, robust_normals
@@ -130,12 +131,20 @@ class ImageQuality:
             sigma_deg=sigma_deg,
             residual=self.residual,
             noise=self.consistency,
-            # Standard deviations contain an estimate of what the whole residual does.
-            unexplained_deg=sigma_deg * float(np.sqrt(found.unexplained)),
+            unexplained_deg=self._unexplained_deg(sigma_deg),
             tried=found.tried,
             not_excluded=found.not_excluded,
             least=found.least,
         )
+
+    def _unexplained_deg(self, sigma_deg: float) -> float:
+        """Return what the residual does that causes and reflectance leave; 0 if it is small.
+
+        Standard deviations contain an estimate of what the whole residual does.
+        """
+        if self.residual < limits.GOOD:
+            return 0.0
+        return sigma_deg * float(np.sqrt(self.explanation.unexplained))
 
 
 def image_quality(
