@@ -16,13 +16,13 @@ PACKAGES = ("rig", "acquisition", "calibration", "processing", "simulator", "sgp
 # top, modules.
 BUDGET = {
     "rig": (3702, 44, 58),
-    "acquisition": (14981, 63, 149),
-    "calibration": (10147, 30, 86),
+    "acquisition": (15172, 63, 151),
+    "calibration": (10157, 30, 86),
     "processing": (20775, 61, 192),
     "simulator": (7323, 28, 65),
-    "sgp": (14343, 0, 143),
+    "sgp": (14344, 0, 143),
 }
-WORDS_OF_DOCUMENTS = 156200
+WORDS_OF_DOCUMENTS = 156300
 # Numbers of calibration/spheres that were chosen, not derived.
 TUNED_CONSTANTS = 263
 STRATA_OF_SGP = 7

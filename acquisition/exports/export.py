@@ -141,9 +141,9 @@ class Export:
         if mask is not None:
             files.append(out / "mask.png")
             write_mask(files[-1], mask)
-        if self._source.camera is not None:
+        if self._source.calibrated_camera is not None:
             files.append(out / CAMERA_FILE)
-            write_camera(files[-1], self._source.camera)
+            write_camera(files[-1], self._source.calibrated_camera)
         if lights is None:
             return files
         full = lights

@@ -53,7 +53,7 @@ def recording_notes(
         origin="simulated" if manifest.simulated else None,
         transfer=None if samples.transfer == LINEAR else TransferRecord.of(samples.transfer),
         lights_file=None if source.lights is None else LIGHTS_FILE,
-        camera_file=None if source.camera is None else CAMERA_FILE,
+        camera_file=None if source.calibrated_camera is None else CAMERA_FILE,
         remarks=(),
         frames=tuple(frames),
     )

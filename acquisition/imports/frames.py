@@ -105,7 +105,8 @@ def import_frames(
         Complete session without a plan or a rig. Image i is recorded as LED i, or as the LED that
         ``recording.json`` or the file name gives (``L07.png``); its light is named after the same
         LED, and the journal keeps the name of the original file. An ``imported`` event records the
-        metadata that has no other place in the format: sensitivity, black level by colour.
+        metadata that has no other place in the format: sensitivity, black level by colour, the
+        focal length of `Source.camera_nominal`.
 
     Raises
     ------
@@ -148,7 +149,7 @@ def import_frames(
         folder,
         camera=_camera(first, source, record),
         labels=labels,
-        calibrations=Calibrations(camera_model=source.camera, lights=lights),
+        calibrations=Calibrations(camera_model=source.calibrated_camera, lights=lights),
         transfer=TransferRecord.of(source.transfer),
         **others,
     )
@@ -157,7 +158,10 @@ def import_frames(
     try:
         with writer:
             _write_maps(source, writer.folder)
-            writer.write_event(_IMPORTED, **camera_metadata(first), source=source.path.name)
+            metadata = camera_metadata(first)
+            if source.camera is not None and source.camera_nominal and source.reduction is None:
+                metadata["focal_length_px"] = source.camera.focal_px
+            writer.write_event(_IMPORTED, **metadata, source=source.path.name)
             for done, (frame, shot) in enumerate(zip(source.frames, shots, strict=True), 1):
                 image = first if done == 1 else _read(frame, source)
                 image.check_like(first)

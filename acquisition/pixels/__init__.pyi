@@ -14,3 +14,4 @@ from .quality import measure_quality as measure_quality
 from .stated_facts import ImageFacts as ImageFacts
 from .stated_facts import ShotFacts as ShotFacts
 from .stated_facts import image_facts as image_facts
+from .stated_lens import StatedLens as StatedLens

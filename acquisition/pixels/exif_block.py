@@ -49,6 +49,9 @@ _START_OF_SCAN: Final = 0xDA
 _TAG_OF: Final = {
     "ExposureTime": 33434, "FNumber": 33437, "ISOSpeedRatings": 34855,
     "PhotographicSensitivity": 34855, "ShutterSpeedValue": 37377, "ApertureValue": 37378,
+    "FocalLength": 37386, "PixelXDimension": 40962, "PixelYDimension": 40963,
+    "FocalPlaneXResolution": 41486, "FocalPlaneYResolution": 41487,
+    "FocalPlaneResolutionUnit": 41488, "DigitalZoomRatio": 41988, "FocalLengthIn35mmFilm": 41989,
 }  # fmt: skip
 # An attribute, an element, or the first item of a list in it.
 _PROPERTY: Final = re.compile(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
@@ -15,17 +15,25 @@ from acquisition.pixels.camera_raw import read_raw_header
 from acquisition.pixels.exif_block import Tags, exif_tags, number_of, xmp_tags
 from acquisition.pixels.image_input import opened_image, spec_attribute
 from acquisition.pixels.metadata_curve import StatedCurve, stated_curve
+from acquisition.pixels.stated_lens import (
+    HEIGHT,
+    LENS_TAGS,
+    TAKEN,
+    WIDTH,
+    StatedLens,
+    stated_lens,
+)
 from acquisition.values.image_names import is_raw
 from acquisition.values.transfer_curve import LINEAR
 from rig import MAX_PIXELS
 
 # Exif 2.32, 4.6; of TIFF files the same numbers may be in the main directory.
 MAKE, MODEL, ORIENTATION = 271, 272, 274
-EXPOSURE_TIME, F_NUMBER, ISO_RATING, TAKEN = 33434, 33437, 34855, 36867
+EXPOSURE_TIME, F_NUMBER, ISO_RATING = 33434, 33437, 34855
 INDEX, ISO_SPEED, SHUTTER_SPEED, APERTURE = 34866, 34867, 37377, 37378
 SHOT_TAGS: Final = (
-    MAKE, MODEL, ORIENTATION, EXPOSURE_TIME, F_NUMBER, ISO_RATING, TAKEN, INDEX, ISO_SPEED,
-    SHUTTER_SPEED, APERTURE,
+    MAKE, MODEL, ORIENTATION, EXPOSURE_TIME, F_NUMBER, ISO_RATING, INDEX, ISO_SPEED,
+    SHUTTER_SPEED, APERTURE, *LENS_TAGS,
 )  # fmt: skip
 # The rating has 16 bits; this value means that another tag has the sensitivity.
 _ISO_ELSEWHERE: Final = 65535
@@ -70,6 +78,8 @@ class ShotFacts:
         Time of the shot by the camera's clock, which has no time zone; UTC is assumed.
     vendor, model
         Vendor and model of the camera; empty if not known.
+    lens
+        Focal length and size of the pixels.
     """
 
     exposure_us: float | None = None
@@ -80,6 +90,7 @@ class ShotFacts:
     taken: datetime | None = None
     vendor: str = ""
     model: str = ""
+    lens: StatedLens = field(default_factory=StatedLens)
 
     @property
     def time_us(self) -> float | None:
@@ -107,6 +118,7 @@ def shot_facts(tags: Tags) -> ShotFacts:
         taken=_time(tags.get(TAKEN)),
         vendor=str(tags.get(MAKE, "")),
         model=str(tags.get(MODEL, "")),
+        lens=stated_lens(tags),
     )
 
 
@@ -229,7 +241,8 @@ def image_facts(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> ImageFacts
     path = Path(path)
     if is_raw(path):
         exposure_us, iso, taken = read_raw_header(path)
-        shot = shot_facts(exif_tags(path, SHOT_TAGS))
+        # The first page of a RAW file may be a preview.
+        shot = shot_facts(_without_page(exif_tags(path, SHOT_TAGS)))
         return ImageFacts(
             path,
             replace(
@@ -244,6 +257,8 @@ def image_facts(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> ImageFacts
         with convert_read_errors(path):
             transfer = stated_curve(path, kind, spec)
             tags = {**xmp_tags(path, SHOT_TAGS), **exif_tags(path, SHOT_TAGS, image.page)}
+    if kind == "tiff":
+        tags = _without_page(tags)
     for tag, names in _ATTRIBUTES.get(kind, {}).items():
         for value in filter(None, (number_of(str(spec_attribute(spec, name))) for name in names)):
             tags[tag] = value
@@ -258,6 +273,11 @@ def image_facts(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> ImageFacts
         window=None if window == (0, 0, 0, 0, spec.width, spec.height) else window,
         parts=image.parts,
     )
+
+
+def _without_page(tags: Tags) -> Tags:
+    """Return tags without the size of the page, which a TIFF has as stored, not as taken."""
+    return {tag: value for tag, value in tags.items() if tag not in (WIDTH, HEIGHT)}
 
 
 def _place(facts: ImageFacts) -> str:

@@ -3,6 +3,7 @@ from .linear_frames import Linearizer as Linearizer
 from .linear_frames import RowReader as RowReader
 from .linear_frames import row_bands as row_bands
 from .linear_frames import same_exposure as same_exposure
+from .nominal_camera import with_camera as with_camera
 from .reader import read_source as read_source
 from .recording_json import Identity as Identity
 from .recording_json import read_identity as read_identity

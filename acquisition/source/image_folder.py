@@ -17,6 +17,7 @@ from acquisition.pixels.camera_raw import RawLevels, read_levelled, read_raw
 from acquisition.pixels.images import read_image_with_alpha
 from acquisition.pixels.mask_files import above_half, read_mask_of
 from acquisition.pixels.stated_facts import ImageFacts, image_facts
+from acquisition.source.nominal_camera import nominal_camera
 from acquisition.source.series_facts import (
     exposure_times,
     orientation_notices,
@@ -170,6 +171,8 @@ def images_source(
             f"{path}: {masks[0].name} and {masks[1].name} are both masks: choose one of them"
         )
     times = exposure_times([facts[file] for file in series], path)
+    size = (shape[0], shape[1])
+    camera, of_camera = nominal_camera([facts[file] for file in series], size, path)
     others_us, assumed = reference_times([facts[file] for file in references], times)
     frames = tuple(
         Frame(
@@ -193,8 +196,10 @@ def images_source(
         path=path,
         kind="images",
         frames=frames,
-        mask=read_mask_of(masks[0], first, (shape[0], shape[1])) if masks else None,
+        mask=read_mask_of(masks[0], first, size) if masks else None,
         mask_path=masks[0] if masks else None,
+        camera=camera,
+        camera_nominal=camera is not None,
         cfa=None if raw is None else raw.cfa,
         black_level=0.0 if raw is None else raw.black_level_dn,
         white_level=white,
@@ -206,6 +211,7 @@ def images_source(
             *times.notices,
             *orientation_notices(first, str(path)),
             *part_notices(first, str(path)),
+            *of_camera,
         ),
     )
     transparent = tuple(file for file in series if facts[file].alpha)

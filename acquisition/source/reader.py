@@ -14,6 +14,7 @@ from acquisition.source.clipping import with_clipped
 from acquisition.source.diligent import is_diligent, read_diligent
 from acquisition.source.exclusion import exclude
 from acquisition.source.image_folder import images_source, lp_files, read_images, read_lp_folder
+from acquisition.source.nominal_camera import with_camera
 from acquisition.source.recording_json import RECORD_FILE, with_export_notes
 from acquisition.source.series_facts import transfer_notices, with_time_errors
 from acquisition.source.session_source import read_session
@@ -59,7 +60,9 @@ def read_source(
     mask_path
         Mask to use instead of that of the source.
     camera
-        Camera to use instead of that of the source.
+        Camera to use instead of that of the source. Default: that of the session or of
+        ``recording.json``; else one with the focal length that all images state in Exif, if they
+        were not cropped (`Source.camera_nominal`); a notice reports it.
     transfer
         Transfer curve of the samples. Default: that of the session or of ``recording.json``; else
         the one that the metadata of the images state (ICC profile, Exif colour space, chunks of
@@ -106,7 +109,7 @@ def read_source(
     source = _with_notice(_with_high_bits(source))
     source = replace(source, mask_origin=_mask_origin(source, given=mask_path is not None))
     if camera is not None:
-        source = replace(source, camera=camera)
+        source = with_camera(source, camera)
     if source.camera is not None and source.camera.size != source.size:
         height, width = source.size
         raise DataError(

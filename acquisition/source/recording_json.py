@@ -18,6 +18,7 @@ from acquisition.plan.planned_shot import Role
 from acquisition.session.layout import MANIFEST
 from acquisition.session.manifest import CameraRecord, Manifest, parse_manifest
 from acquisition.session.value_records import Table, TransferRecord
+from acquisition.source.nominal_camera import with_camera
 from acquisition.source.source import Source
 from acquisition.value_files.camera import read_camera
 from acquisition.value_files.lights import read_lights
@@ -157,11 +158,11 @@ def with_export_notes(source: Source) -> Source:
         for name in named
         if name not in present
     )
-    lights, camera = source.lights, source.camera
+    lights = source.lights
     if notes.lights_file in present:
         lights = read_lights(folder / notes.lights_file)
     if notes.camera_file in present:
-        camera = read_camera(folder / notes.camera_file)
+        source = with_camera(source, read_camera(folder / notes.camera_file))
     ours = (RECORD_FILE, *present)
     source = _with_facts(source, notes)
     return replace(
@@ -171,7 +172,6 @@ def with_export_notes(source: Source) -> Source:
             for frame in source.frames
         ),
         lights=lights,
-        camera=camera,
         cfa=notes.camera.cfa,
         black_level=notes.camera.black_level_dn,
         white_level=notes.camera.white_dn,

@@ -170,8 +170,8 @@ def _named_differences(a: CameraModel, b: CameraModel) -> list[str]:
 
 
 def _complete(source: Source) -> CameraModel | None:
-    """Return the camera of the complete images, from which a region may have been taken."""
-    camera, part = source.camera, source.reduction
+    """Return the calibrated camera of the complete images, of which the source may be a region."""
+    camera, part = source.calibrated_camera, source.reduction
     if camera is None or part is None:
         return camera
     K = camera.K.copy()

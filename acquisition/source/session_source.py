@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from math import isqrt
+from math import inf, isqrt
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from acquisition.session.layout import COMPLETE, JOURNAL, MANIFEST, MASK, TRUE_M
 from acquisition.session.manifest import CameraRecord
 from acquisition.session.session import Session
 from acquisition.session.session_frame import SessionFrame
+from acquisition.source.nominal_camera import of_focal_length
 from acquisition.source.source import Frame, ReadOptions, Source
 from acquisition.values.noise_model import NoiseModel
 from acquisition.values.setup import Setup
@@ -85,6 +86,10 @@ def read_session(folder: Path, options: ReadOptions) -> Source:
     if mask_path is None:
         masks = (folder / MASK, folder / TRUE_MASK)
         mask_path = next((path for path in masks if path.exists()), None)
+    camera, nominal = session.camera_model, _stated_focal_px(session)
+    if camera is None and nominal is not None:
+        camera, of_camera = of_focal_length(nominal, size, "Exif, when imported", folder)
+        warnings += of_camera
     truth = folder / TRUE_NORMALS
     others = [folder / name for name in (MANIFEST, JOURNAL, COMPLETE)] + [truth]
     return Source(
@@ -94,7 +99,8 @@ def read_session(folder: Path, options: ReadOptions) -> Source:
         lights=session.lights,
         mask=_mask(session, mask_path, size) if mask_path else None,
         mask_path=mask_path,
-        camera=session.camera_model,
+        camera=camera,
+        camera_nominal=session.camera_model is None and camera is not None,
         normals_truth=_true_normals(truth, size) if truth.exists() else None,
         cfa=_upright_cfa(session, folder),
         black_level=device.black_level_dn,
@@ -126,6 +132,12 @@ def _mask(session: Session, path: Path, size: tuple[int, int]) -> Bool:
     tags = (line.details.get("orientation") for line in session.events)
     shot = ShotFacts(orientation=next((tag for tag in tags if isinstance(tag, int)), 1))
     return read_mask_of(path, ImageFacts(path, shot), size)
+
+
+def _stated_focal_px(session: Session) -> float | None:
+    """Return the focal length that imported images stated."""
+    stated = (line.details.get("focal_length_px") for line in session.events)
+    return next((one for one in stated if isinstance(one, float) and 0 < one < inf), None)
 
 
 def _noise_at_gain(session: Session) -> NoiseModel | None:

@@ -238,6 +238,9 @@ class Source:
         as calibration spheres next to it; None if there is no such region.
     camera
         Camera model with the size of the images; None if not known.
+    camera_nominal
+        Whether `camera` is only that of the focal length in the metadata of the images; see
+        `calibrated_camera`.
     normals_truth
         ``(H, W, 3)`` float32 true unit normals, 0 where not known; None without true normals.
     cfa
@@ -285,6 +288,7 @@ class Source:
     mask_origin: MaskOrigin | None = None
     not_object: Bool | None = None
     camera: CameraModel | None = None
+    camera_nominal: bool = False
     normals_truth: Float32 | None = None
     cfa: str | None = None
     black_level: float = 0.0
@@ -308,6 +312,11 @@ class Source:
         known = ("lights", "mask", "camera", "normals_truth")
         parts += [name for name in known if getattr(self, name) is not None]
         return f"Source({', '.join(parts)})"
+
+    @property
+    def calibrated_camera(self) -> CameraModel | None:
+        """The camera; None also if it is only that of the metadata of the images."""
+        return None if self.camera_nominal else self.camera
 
     @property
     def size(self) -> tuple[int, int]:

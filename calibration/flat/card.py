@@ -71,9 +71,9 @@ def measure_card(
     source: Source, lights: Lights, z_mm: float, mask: Bool | None, on_progress: Progress
 ) -> CardField:
     """Divide a card by the light of its LEDs; see `calibrate_flat`."""
-    camera = source.camera
+    camera = source.calibrated_camera
     if camera is None:
-        raise DataError(f"{source.path}: the camera of these images is not known: add a model")
+        raise DataError(f"{source.path}: the camera of these images is not calibrated: add a model")
     if source.reduction is not None:
         raise DataError(f"{source.path}: a flat is measured in complete images, not in a region")
     shape, place = source.frames[0].shape, str(source.path)

@@ -38,9 +38,9 @@ def calibrate_spheres(
     """Estimate lights from their highlights on mirror spheres.
 
     Without a camera, an orthographic view is assumed; for a near light and one sphere the error is
-    a few degrees. A radius then gives the size of a pixel. With a camera, the viewing cone of each
-    sphere is used, which requires no radius for directions. With a camera, a radius and two or more
-    spheres, the lights have positions.
+    a few degrees. With a camera, the viewing cone of each sphere is used, which requires no radius
+    for directions. With a working distance, a radius and two or more spheres, the lights have
+    positions. Without one, a radius gives the size of a pixel.
 
     Parameters
     ----------
@@ -81,8 +81,8 @@ def calibrate_spheres(
     Raises
     ------
     DataError
-        If shapes or radii are inconsistent, the camera does not fit the images, both masks and
-        circles are given, or a radius is given with a camera without a working distance.
+        If shapes or radii are inconsistent, the camera does not fit the images, or both masks and
+        circles are given.
     EstimateError
         If no sphere is found, the edges near a circle do not determine an outline, less than 85 %
         of the lights are left, or a light is visible on fewer than two spheres although positions
@@ -97,7 +97,7 @@ def calibrate_spheres(
     >>> calibrate_spheres(rendering.planes, masks=masks).lights
     Lights(3 directions, L00 to L02)
     """
-    radii = None if radius_mm is None else _radii(radius_mm, camera)
+    radii = None if radius_mm is None else _radii(radius_mm)
     seen = seen_in(stack, masks, circles, camera, radii)
     return _calibrate([seen], ("",), camera, led_positions_mm)
 
@@ -163,7 +163,7 @@ def calibrate_moved_spheres(
     >>> calibrate_moved_spheres(stacks, masks=masks, camera=truth[0].camera, radius_mm=20).lights
     Lights(3 positions in mm, L00 to L02)
     """
-    radii = None if radius_mm is None else _radii(radius_mm, camera)
+    radii = None if radius_mm is None else _radii(radius_mm)
     labels = list(names)
     seen: list[SeenSpheres] = []
     for k, stack in enumerate(stacks):
@@ -254,21 +254,24 @@ def _lights(
     found = [seen[k].found for k in of_recording]
     shown = SeenTogether(names, places_mm, images, of_recording, recordings, found)
     known = [of_one for of_one in radii if of_one is not None]
-    if camera is None:
-        found_lights = orthographic_lights(shown, warnings)
+    cones = [] if camera is None else [cone_of(camera, image) for image in images]
+    if camera is None or camera.working_distance_mm is None or not known:
+        found_lights = (
+            orthographic_lights(shown, warnings)
+            if camera is None
+            else perspective_lights(shown, cones, camera, warnings)
+        )
         if not known:
             return found_lights
-        size, sigma = pixel_size(images, np.concatenate(known))
+        size, sigma = pixel_size(images, np.concatenate(known), camera, cones)
         text = (
             f"a pixel is {size:.4g} mm (sd {sigma / size:.1%}) at the height of the centres of the "
-            "spheres, of which the radius is known"
+            "spheres, of which the radius is known; positions of lights require a camera with a "
+            "working distance"
         )
         notice = Notice("scale-from-spheres", text, severity="info")
         doubts = (*found_lights.warnings, notice)
         return replace(found_lights, warnings=doubts, pixel_mm=size, pixel_sigma_mm=sigma)
-    cones = [cone_of(camera, image) for image in images]
-    if not known:
-        return perspective_lights(shown, cones, camera, warnings)
     radii_mm = np.concatenate(known)
     placed = place(cones, radii_mm, camera)
     warnings += off_the_plane(placed, camera) + one_off_the_plane(placed, camera, images)
@@ -289,14 +292,9 @@ def _lights(
     return perspective_lights(shown, cones, camera, warnings, placed)
 
 
-def _radii(radius_mm: float | Sequence[float], camera: CameraModel | None) -> Float64:
+def _radii(radius_mm: float | Sequence[float]) -> Float64:
     """Return the radii as an array, or raise `DataError` if they are invalid."""
     radii = np.atleast_1d(np.asarray(radius_mm, np.float64))
     if not (len(radii) and np.all(np.isfinite(radii) & (radii > 0))):
         raise DataError("sphere radii must be positive lengths in mm")
-    if camera is not None and camera.working_distance_mm is None:
-        raise DataError(
-            "a sphere radius requires the working distance of the camera: add it, or leave out the "
-            "radius or the camera to get directions"
-        )
     return radii

@@ -122,6 +122,8 @@ def seen_in(
         raise DataError("both masks and circles mark the spheres: give one of the two")
     found = not masks and not circles
 
+    # A radius has a size in the image only at a known distance.
+    scaled = camera if camera is not None and camera.working_distance_mm is not None else None
     compressed = shows_blocks(values)
 
     def spheres_in(some: Images) -> tuple[list[SphereImage], list[Notice]]:
@@ -130,7 +132,7 @@ def seen_in(
                 return masked_spheres(some, masks, camera), []
             if circles:
                 return circled_spheres(some, circles, camera), []
-            return searched_spheres(some, camera, None if camera is None else radii_mm)
+            return searched_spheres(some, camera, None if scaled is None else radii_mm)
         except EstimateError as error:
             if compressed:
                 error.args = (f"{error}; {_BLOCKS}{'' if masks else ', or give a mask'}",)
@@ -141,7 +143,7 @@ def seen_in(
         _check_apart(images)
     if radii_mm is not None:
         by_size = found or not (all_radii or len(radii_mm) == len(images))
-        radii_mm = one_radius_each(radii_mm, images, camera, found=by_size, each=all_radii)
+        radii_mm = one_radius_each(radii_mm, images, scaled, found=by_size, each=all_radii)
     size = values.shape[1], values.shape[2]
     bright = [image for image in images if image.highlights.found.any()]
     doubts = [

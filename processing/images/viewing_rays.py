@@ -205,7 +205,7 @@ def view_of(source: Source, pixel_mm: float | None) -> View:
             )
         return Perspective(camera)
     if pixel_mm is None:
-        missing = "a camera with a" if camera is None else "the camera its"
+        missing = "a camera with a" if source.calibrated_camera is None else "the camera its"
         raise DataError(
             f"{source.path}: lights with positions require points in mm, but there is no scale: "
             f"give {missing} working distance, or the size of a pixel on the object, or "

@@ -195,8 +195,9 @@ class RecordingOptions:
         Lights file: lights.json, .lp, CSV or DiLiGenT text; or rig: the LEDs at led_positions_mm of
         the rig file; default: the lights of the source.
     camera
-        Camera file (camera.json, or one of OpenCV, COLMAP, AliceVision, or a 3x3 matrix); required
-        if the lights have positions.
+        Camera file (camera.json, or one of OpenCV, COLMAP, AliceVision, or a 3x3 matrix); default:
+        the camera of the session, else that of the focal length that the images state in Exif. If
+        the lights have positions, its working distance or the size of a pixel is required.
     mask
         Mask image of the object; default: the mask of the source, else one made from the images.
     spheres
@@ -204,8 +205,8 @@ class RecordingOptions:
         out of its mask. lights.json and lights.png are written with the result.
     radius_mm
         With --spheres: radius of the spheres in mm, as for `sgp calibrate spheres`; without it,
-        the lights have directions instead of positions. Without a camera, the lights have
-        directions, and the radius gives the size of a pixel.
+        the lights have directions instead of positions. Without the working distance of a camera,
+        the lights have directions, and the radius gives the size of a pixel.
     rig
         Rig file (.toml) whose led_positions_mm are the lights with --lights rig, or are compared
         with the lights of --spheres; default: the rig that recorded the session, if it is known.

@@ -79,7 +79,8 @@ def spheres(
         in the order of --mask or --sphere. For several recordings, give the radii of the set of
         spheres once.
     camera
-        Camera file of the images; default: the camera of the session.
+        Camera file of the images; default: the camera of the session, else that of the focal length
+        that the images state in Exif.
     mask
         Mask image of one sphere; may be repeated; default: the mask file of a plain folder of
         images (mask.* or *.mask.*), else the spheres are detected. The mask of any other source
@@ -197,9 +198,10 @@ def _estimate(
     picture: Path,
 ) -> calibration.SphereCalibration:
     """Calibrate from one recording, or from all of them together; draw candidates if it fails."""
-    cameras = [one.source.camera for one in recordings if one.source.camera is not None]
+    sources = [one.source for one in recordings if one.source.camera is not None]
+    sources.sort(key=lambda source: source.camera_nominal)
     known: dict[str, Any] = {
-        "camera": cameras[0] if cameras else None,
+        "camera": sources[0].camera if sources else None,
         "radius_mm": given_radii(radius_mm),
         "led_positions_mm": places_mm,
     }

@@ -111,9 +111,10 @@ def intensities(
         opened, read = open_source(
             path, camera=camera, mask=mask, gamma=gamma, flat=flat, max_pixels=max_pixels
         )
-        if opened.camera is None:
+        model = opened.calibrated_camera
+        if model is None:
             raise acquisition.DataError(
-                f"{path}: the camera of these images is not known: give --camera"
+                f"{path}: the camera of these images is not calibrated: give --camera"
             )
         stack = with_progress(calibration.linear_stack)(
             replace(opened, lights=None), channel=channel
@@ -132,12 +133,10 @@ def intensities(
             values = values[[order.index(light) for light in first]]
         if outline:
             x, y, radius = outline
-            made = calibration.MatteSurface.ball(
-                values, opened.camera, (x, y, radius), radius_mm or 0.0
-            )
+            made = calibration.MatteSurface.ball(values, model, (x, y, radius), radius_mm or 0.0)
         else:
             card = opened.mask if mask is not None else None
-            made = calibration.MatteSurface.card(values, opened.camera, z_mm=height, mask=card)
+            made = calibration.MatteSurface.card(values, model, z_mm=height, mask=card)
         surfaces.append(made)
         files += read
         warnings += [

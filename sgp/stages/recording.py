@@ -66,7 +66,8 @@ def open_source(
     if camera is not None:
         given_camera = acquisition.read_camera(camera, source.size)
         doubts = acquisition.source.lens_notices(source, given_camera)
-        source = replace(source, camera=given_camera, warnings=(*source.warnings, *doubts))
+        source = acquisition.source.with_camera(source, given_camera)
+        source = replace(source, warnings=(*source.warnings, *doubts))
     parts = [] if flat is None else acquisition.value_files.flat_files(flat)
     if flat is not None:
         source = _flattened(source, flat, max_pixels)

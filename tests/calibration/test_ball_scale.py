@@ -1,4 +1,6 @@
-"""Size of a pixel from spheres of known radius, in images without a camera."""
+"""Size of a pixel from spheres of known radius, without a working distance."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -27,6 +29,25 @@ def test_a_pixel_is_as_large_as_at_the_centres(count):
     assert 0 < found.pixel_sigma_mm < 0.02 * expected
     assert [n.code for n in found.warnings if "scale" in n.code] == ["scale-from-spheres"]
     assert not found.lights.near
+
+
+@cases("count", {"one sphere": 1, "all spheres": len(MASKS)})
+def test_a_camera_without_a_distance_sees_in_perspective(count):
+    """Its directions are those without a radius, and the distance follows from the scale."""
+    camera = replace(CAMERA, working_distance_mm=None)
+    found = calibrated(RADII[:count], MASKS[:count], camera=camera)
+    away = CAMERA.centre_mm[2] - np.mean(RADII[:count])
+    assert found.pixel_mm == pytest.approx(away / CAMERA.focal_px, rel=0.003)
+    assert [n.code for n in found.warnings if "scale" in n.code] == ["scale-from-spheres"]
+    plain = calibrated(None, MASKS[:count], camera=camera)
+    assert np.array_equal(found.lights.directions, plain.lights.directions)
+
+
+def test_spheres_are_searched_for_at_any_size_without_a_distance():
+    camera = replace(CAMERA, working_distance_mm=None)
+    found = calibrated(RADII, None, camera=camera)
+    away = CAMERA.centre_mm[2] - np.mean(RADII)
+    assert found.pixel_mm == pytest.approx(away / CAMERA.focal_px, rel=0.005)
 
 
 def test_without_a_radius_there_is_no_scale():

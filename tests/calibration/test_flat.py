@@ -240,7 +240,7 @@ def test_recordings_that_cannot_be_used_are_named():
     made = small()
     source = recorded(made, 15)
     cases = [
-        (replace(source, camera=None), made.lights, "the camera of these images is not known"),
+        (replace(source, camera=None), made.lights, "the camera of these images is not calibrated"),
         (crop(source, 0, 0, 80, 80), made.lights, "in complete images, not in a region"),
         (source, made.lights.distant(), "lights with positions"),
         ([], made.lights, "no recording"),

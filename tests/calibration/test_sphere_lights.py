@@ -248,11 +248,6 @@ def test_the_rms_of_the_used_angles():
         pytest.param({"camera": replace(BENCH.camera, width=400)}, "400 x 330", id="width"),
         pytest.param({"camera": replace(BENCH.camera, height=400)}, "420 x 400", id="height"),
         pytest.param({"circles": [(9, 9, 9)]}, "both masks and circles", id="two kinds of marks"),
-        pytest.param(
-            {"radius_mm": 20.0, "camera": replace(BENCH.camera, working_distance_mm=None)},
-            "requires the working distance",
-            id="no working distance",
-        ),
         *(
             pytest.param(
                 {"radius_mm": radius, "camera": BENCH.camera}, "positive lengths", id=f"{radius} mm"

@@ -11,6 +11,8 @@ from acquisition.values import led_id
 from calibration import EstimateError
 from processing import read_normals
 from sgp import read_record
+from tests.acquisition.dng_file import directory, tag
+from tests.acquisition.image_bytes import chunk
 from tests.calibration.spheres_and_object import (
     BALLS,
     OBJECT,
@@ -61,6 +63,32 @@ def test_a_radius_without_a_camera_gives_the_scale(sgp, recording, tmp_path):
     # Of a pixel of the frames, as when it is stated.
     pixel = read_record(out / "normals.json").parameters["pixel_mm"]
     assert pixel == pytest.approx(12 / RADIUS, rel=0.01)
+
+
+def test_a_radius_and_the_focal_length_in_exif_give_the_distance(sgp, recording, tmp_path):
+    """The images are orthographic: a lens of 1250 mm before a sensor of 36 mm is nearly so."""
+    source, out = tmp_path / "source", tmp_path / "normals"
+    shutil.copytree(recording, source)
+    height, width = read_image(source / "L00.png").shape
+    tags = [tag(37386, 5, (1250, 1)), tag(41989, 3, (1250,))]
+    tags += [tag(40962, 3, (width,)), tag(40963, 3, (height,))]
+    block = b"II*\0\x08\0\0\0" + directory(tags, 8)
+    for path in source.glob("L*.png"):
+        data = path.read_bytes()
+        path.write_bytes(data[:33] + chunk(b"eXIf", block) + data[33:])
+    words = ("--spheres", "--radius-mm", 12, "--downscale", 2)
+    result = sgp("normals", source, *words, "--out", out, "--json").ok()
+    assert {"scale-from-spheres", "camera-from-exif"} <= set(result.codes())
+    lights = read_lights(out / "lights.json")
+    assert lights.positions_mm is None
+    assert angles_deg(lights.directions, directions()).max() < 0.4
+    pixel = read_record(out / "normals.json").parameters["pixel_mm"]
+    assert pixel == pytest.approx(12 / RADIUS, rel=0.01)
+    # Lights at a distance need a scale.
+    near = (source, "--lights", out / "lights.json", "--light-distance-mm", 900)
+    line = sgp("normals", *near, "--out", tmp_path / "near").error_line(4)
+    assert "give a camera with a working distance, or the size of a pixel" in line
+    sgp("normals", *near, "--pixel-mm", pixel, "--out", tmp_path / "near").ok()
 
 
 @pytest.mark.slow

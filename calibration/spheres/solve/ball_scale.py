@@ -1,4 +1,4 @@
-"""Size of a pixel on the object from spheres of known radius, without a camera."""
+"""Size of a pixel on the object from spheres of known radius, without a working distance."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from acquisition import CameraModel
 from calibration._errors import EstimateError
+from calibration.spheres.geometry.cone import Cone
 from calibration.spheres.outline.sphere_image import SphereImage
 from rig.arrays import Float64
 
@@ -14,10 +16,13 @@ from rig.arrays import Float64
 _MOST_APART = 0.08
 
 
-def pixel_size(images: Sequence[SphereImage], radii_mm: Float64) -> tuple[float, float]:
+def pixel_size(
+    images: Sequence[SphereImage],
+    radii_mm: Float64,
+    camera: CameraModel | None = None,
+    cones: Sequence[Cone] = (),
+) -> tuple[float, float]:
     """Return the size of a pixel at the height of the centres of spheres, and its sd, in mm.
-
-    The view is orthographic: a sphere has the same size everywhere.
 
     Parameters
     ----------
@@ -25,6 +30,9 @@ def pixel_size(images: Sequence[SphereImage], radii_mm: Float64) -> tuple[float,
         K spheres.
     radii_mm
         ``(K,)`` their radii.
+    camera, cones
+        The camera and the K cones of its rays that touch the spheres. Without them, the view is
+        orthographic: a sphere has the same size everywhere.
 
     Raises
     ------
@@ -32,7 +40,11 @@ def pixel_size(images: Sequence[SphereImage], radii_mm: Float64) -> tuple[float,
         If the spheres do not agree.
     """
     size_px = np.array([image.outline.radius_px for image in images])
-    sizes = radii_mm / size_px
+    if camera is None:
+        sizes = radii_mm / size_px
+    else:
+        depths = [abs(cone.axis[2]) / cone.sine for cone in cones]
+        sizes = radii_mm * np.array(depths) / camera.focal_px
     if sizes.max() > (1 + _MOST_APART) * sizes.min():
         raise EstimateError(
             f"by the spheres, a pixel is {sizes.min():.4g} to {sizes.max():.4g} mm: a radius is "

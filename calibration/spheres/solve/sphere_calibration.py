@@ -65,7 +65,7 @@ class SphereCalibration:
         Spheres and highlights that were left out, and doubts about the lights.
     pixel_mm, pixel_sigma_mm
         Size of a pixel at the height of the centres of the spheres, and its standard deviation;
-        None unless radii are known and the camera is not.
+        None unless radii are known and the working distance is not.
     """
 
     lights: Lights
