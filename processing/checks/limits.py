@@ -15,8 +15,8 @@ FORBIDS_SIGMAS = 3.0
 # Degrees: larger standard deviations count as this one. Mistakes enlarge residuals, and these the
 # standard deviation.
 LARGEST_SIGMA_DEG = 4.0
-# Share 0..1 of the squared residual above which the standard deviation is no excuse for a cause, and
-# degrees that it may have then: effects are of first order, and actual ones up to twice as large.
+# Share 0..1 of the squared residual above which the standard deviation is no excuse for a cause,
+# and degrees that it may have then: effects are of first order, actual ones up to twice as large.
 LARGE_SHARE = 0.2
 LARGE_SHARE_DEG = 0.5
 
@@ -57,7 +57,7 @@ TURN_SIGMAS = 4.0
 
 # Horizontal part of the normals at an outline that is steep, and the share of them that points
 # inward: -0.95 and less of turned and mirrored objects, -0.1 and more of 66 correct ones.
-STEEP = 0.4
+STEEP = 0.5
 INWARD = 0.8
 
 # Residuals of single images in units of this times the typical one, and the least of these, 0..1.

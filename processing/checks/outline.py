@@ -48,6 +48,6 @@ def inward(shares: Float64 | None) -> Cause | None:
     axis = "left to right" if shares[0] < 0 else "top to bottom"
     text = (
         f"the normals at the outline of the object point inward {axis}, and outward in the other "
-        "direction: the lights or the images are mirrored"
+        "direction: the lights or the images are mirrored, or the mask cuts the object"
     )
-    return Cause("lights-mirrored", text, remedy="check the axes of the lights", inverts=True)
+    return Cause("lights-mirrored", text, remedy="check the axes of the lights")

@@ -170,7 +170,7 @@ def test_a_turn_by_180_degrees_is_seen_at_a_steep_outline_only() -> None:
     assert cause.name == "images-turned"
     assert "point inward" in cause.text
     flat = np.zeros_like(MASK)
-    flat[30:66, 30:66] = True
+    flat[36:60, 36:60] = True
     found = image_quality(IMAGES, turned, flat)
     assert found.causes == ()
     assert "images-turned" in found.explanation.not_excluded
