@@ -96,7 +96,7 @@ class Trial:
             return Outcome(text=str(error)[:_TEXT])
         if self._normals is None:
             self._normals, self._valid = result.normals.normals, result.valid
-        verdict = with_options(result).verdict
+        verdict, _ = with_options(result.verdict, ())
         remedy = Remedy.of(verdict.causes[0]) if verdict.causes else Remedy()
         return Outcome(
             error_deg=_error_deg(result, recording),

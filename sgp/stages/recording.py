@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -212,21 +212,39 @@ def compute_normals(
     """Compute normals and show the progress; a notice that an option answers names the option."""
     with Stages() as progress:
         made = stage.run(source, files, progress)
-    return with_options(made)
+    verdict, warnings = with_options(made.verdict, made.warnings)
+    return replace(made, verdict=verdict, warnings=warnings)
 
 
-def with_options(made: processing.Reconstruction) -> processing.Reconstruction:
-    """Return a result whose notices and remedies name the options that answer them."""
-    verdict = made.verdict
+def with_options(
+    verdict: processing.checks.Verdict, warnings: Iterable[rig.Notice]
+) -> tuple[processing.checks.Verdict, tuple[rig.Notice, ...]]:
+    """Return remedies and notices that name the options which answer them.
+
+    Strengths and room light are not estimated while single images are wrong, or something else that
+    is not known: the estimates would be those of a wrong model.
+    """
+    names = {cause.name for cause in verdict.causes} | {one.code for one in verdict.notices}
+    disturbed = any(name.startswith("image") or name in _DISTURBING for name in names)
+
+    def answered(code: str, text: str) -> str:
+        option = _OPTIONS.get(code)
+        if code == "transfer-curve-doubtful":
+            curve = text.split()[-1].lower()
+            option = f"--gamma {curve}" if curve in ("srgb", "linear") else "--gamma"
+        if not option or not text or (disturbed and option in _ESTIMATES):
+            return text
+        return f"{text} ({option})"
+
     causes = tuple(
-        replace(cause, remedy=_with_option(cause.name, cause.remedy)) for cause in verdict.causes
+        replace(cause, remedy=answered(cause.name, cause.remedy)) for cause in verdict.causes
     )
-    warnings = tuple(
-        replace(notice, text=_with_option(notice.code, notice.text)) for notice in made.warnings
-    )
-    return replace(made, warnings=warnings, verdict=replace(verdict, causes=causes))
+    notices = tuple(replace(notice, text=answered(notice.code, notice.text)) for notice in warnings)
+    return replace(verdict, causes=causes), notices
 
 
+_DISTURBING = {"light-moved", "residual-unexplained"}
+_ESTIMATES = {"--ambient estimate", "--semi-calibrated"}
 _OPTIONS = {
     "ambient-light": "--ambient estimate",
     "brightness-gradient": "--semi-calibrated",
@@ -242,15 +260,6 @@ _OPTIONS = {
     "image-striped": "--exclude auto",
     "light-moved": "--exclude auto",
 }
-
-
-def _with_option(code: str, text: str) -> str:
-    """Return a remedy or a notice with the option that answers it."""
-    option = _OPTIONS.get(code)
-    if code == "transfer-curve-doubtful":
-        curve = text.split()[-1].lower()
-        option = f"--gamma {curve}" if curve in ("srgb", "linear") else "--gamma"
-    return f"{text} ({option})" if option and text else text
 
 
 def not_used(folder: Path, names: Sequence[str]) -> rig.Notice:

@@ -28,6 +28,7 @@ from sgp.results import (
 )
 from sgp.results.verdict import verdict_line
 from sgp.sessions import judge_frames
+from sgp.stages import with_options
 from tests.cases import cases
 from tests.sgp.small_rig import capture
 
@@ -337,3 +338,29 @@ def test_a_pipe_gets_no_colour_and_a_repeated_notice_once() -> None:
     code = SHOWN.format(effect=2.0)
     both = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert [*both.stderr.splitlines(), *both.stdout.splitlines()] == [*PLAIN, ENDS["check"][1]]
+
+
+SWAPPED = Cause("images-swapped", "L01 shows the light of L02", remedy="check the order")
+CURVE = Cause("transfer-curve-doubtful", "read as linear", remedy="state the transfer curve: sRGB")
+
+
+@cases(
+    ("found", "remedies"),
+    {
+        "one cause": (verdict(LIGHT), ["repeat in the dark (--ambient estimate)"]),
+        "a single image first": (
+            verdict(LIGHT, SWAPPED),
+            ["repeat in the dark", "check the order"],
+        ),
+        "something unknown first": (
+            verdict(LIGHT, unexplained_deg=3, sigma_deg=1),
+            ["repeat in the dark"],
+        ),
+        "a curve": (verdict(CURVE), ["state the transfer curve: sRGB (--gamma srgb)"]),
+        "without an option": (verdict(GAIN), ["calibrate again"]),
+    },
+)
+def test_remedies_name_options_unless_something_else_comes_first(found, remedies) -> None:
+    answered, notices = with_options(found, found.notices)
+    assert [cause.remedy for cause in answered.causes] == remedies
+    assert len(notices) == len(found.notices)
