@@ -195,6 +195,7 @@ def test_a_table_is_read_as_it_was_written(tmp_path):
     assert rows[1].key in again
 
 
+@pytest.mark.slow
 def test_the_command_adds_only_what_is_missing(tmp_path, capsys):
     file = tmp_path / "table.csv"
     words = ["--out", str(file), "--scenes", "coin", "--real", "--strengths", "1"]

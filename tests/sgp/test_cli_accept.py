@@ -68,6 +68,7 @@ def test_a_useless_recording_needs_accept(sgp, tmp_path, exposure_us, more, code
     assert event.details["accepted"] == [code]
 
 
+@pytest.mark.slow
 def test_several_codes_are_accepted_and_others_refused(sgp, tmp_path):
     words = ("--rig", rig_file(tmp_path), "--plan", plan_file(tmp_path, 900_000.0))
     both = ("--accept", "object-changed", "--accept", "exposure-saturated")

@@ -135,6 +135,7 @@ def test_what_a_distance_does_not_fit_is_one_line(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_an_estimated_distance_is_within_its_deviation(sgp, folder, tmp_path):
     out = tmp_path / "out"
     given = ("--light-distance-mm", "estimate", "--out", out, "--json")
