@@ -229,7 +229,7 @@ def _unknown_order(shown: ShownLights) -> Cause:
 
 def _other_axes(model: BlockModel, shape: Integrability) -> Cause | None:
     """Return the cause if the normals are those of a surface only with other axes."""
-    if shape.axes == "right" or _is_turned(shape):
+    if not _has_other_axes(shape) or _is_turned(shape):
         return None
     how = {
         "mirrored": "mirrored left to right or top to bottom",
@@ -248,11 +248,16 @@ def _other_axes(model: BlockModel, shape: Integrability) -> Cause | None:
     return Cause("lights-mirrored", text, normals_deg=effect, remedy=remedy, inverts=True)
 
 
+def _has_other_axes(shape: Integrability) -> bool:
+    return shape.axes != "right" and shape.ratio < limits.AXES
+
+
 def _is_turned(shape: Integrability) -> bool:
     """Return whether a turn about the line of sight makes the normals those of a surface."""
     size, sigma = abs(shape.turn_deg), shape.turn_sigma_deg
     clear = size > max(limits.TURN_DEG, limits.TURN_SIGMAS * sigma)
-    return clear and shape.turned_curl < min(shape.curl, shape.other_curl)
+    others = shape.other_curl if _has_other_axes(shape) else shape.curl
+    return clear and shape.turned_curl < others
 
 
 def _turned_about_axis(recorded: Recorded, model: BlockModel, wrong: Sequence[int]) -> list[Cause]:

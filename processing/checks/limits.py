@@ -55,9 +55,11 @@ LEAST_RELIEF = 0.04
 TURN_DEG = 1.5
 TURN_SIGMAS = 4.0
 
+# Curl under other axes relative to that under the given ones: movements of a sphere give 0.58.
+AXES = 0.5
 # Horizontal part of the normals at an outline that is steep, and the share of them that points
 # inward: -0.95 and less of turned and mirrored objects, -0.1 and more of 66 correct ones.
-STEEP = 0.5
+STEEP = 0.45
 INWARD = 0.8
 
 # Residuals of single images in units of this times the typical one, and the least of these, 0..1.

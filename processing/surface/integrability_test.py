@@ -27,8 +27,8 @@ _STEPS, _PARTS = 8, 16
 # Share of the weights that is inside the mask, up to rounding.
 _WHOLE = 0.999
 # The curl with other axes must be smaller by this factor. By noise alone all are equal, within 5 %
-# for the fewest corners; of spheres, whose mixed derivatives are small, errors make them differ.
-_CLEARER = 0.5
+# for the fewest corners.
+_CLEARER = 0.75
 # And that with the given axes must be larger than this share of all derivatives: it is 0.35 to 0.7
 # of mirrored reliefs, 0.12 of a mirrored sphere, and up to 0.05 of a correct one.
 _LEAST_CURL = 0.08
@@ -69,6 +69,8 @@ class Integrability:
         best with a surface, and its standard deviation.
     turned_curl
         The curl without this turn.
+    ratio
+        Difference of the mixed derivatives under the best axes, relative to that as they are.
     """
 
     curl: float
@@ -77,6 +79,7 @@ class Integrability:
     turn_deg: float = float("nan")
     turn_sigma_deg: float = float("nan")
     turned_curl: float = float("nan")
+    ratio: float = float("nan")
 
     __repr__ = short_repr
 
@@ -134,7 +137,8 @@ def _judged(jacobian: Float64) -> Integrability:
     turn, sigma = _turn_deg(jacobian)
     c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
     turned = _curl(np.array([[c, s], [-s, c]]) @ jacobian, least)[1]
-    return Integrability(curls["right"][1], axes, curls[axes][1], turn, sigma, turned)
+    ratio = curls[best][0] / max(curls["right"][0], 1e-12)
+    return Integrability(curls["right"][1], axes, curls[axes][1], turn, sigma, turned, ratio)
 
 
 def _turn_deg(jacobian: Float64) -> tuple[float, float]:
