@@ -140,13 +140,18 @@ class Verdict:
         forbids = max(limits.FORBIDS_DEG, limits.FORBIDS_SIGMAS * self._sigma_deg)
         if any(cause.inverts or cause.normals_deg > forbids for cause in self.causes):
             return "do-not-use"
-        doubtful = bool(self.harmful) or self.unexplained_deg > self.matters_deg
-        return "check" if doubtful else "good"
+        return "check" if self.harmful or self._is_unexplained else "good"
 
     @property
     def matters_deg(self) -> float:
         """The change of normals, in degrees, that a good result does not exceed."""
-        return max(limits.MATTERS_DEG, limits.MATTERS_SIGMAS * self._sigma_deg)
+        largest = min(self._sigma_deg, limits.LARGEST_OF_CAUSES_DEG)
+        return max(limits.MATTERS_DEG, limits.MATTERS_SIGMAS * largest)
+
+    @property
+    def _is_unexplained(self) -> bool:
+        matters = max(limits.MATTERS_DEG, limits.MATTERS_SIGMAS * self._sigma_deg)
+        return self.unexplained_deg > matters
 
     @property
     def _sigma_deg(self) -> float:
@@ -162,7 +167,7 @@ class Verdict:
         """The causes and an unexplained residual, for people."""
         matters = self.matters_deg
         found = [_notice(cause, matters) for cause in self.causes]
-        if self.unexplained_deg > matters:
+        if self._is_unexplained:
             text = (
                 f"a residual of {self.residual:.1%} of the signal is not explained: no cause found "
                 f"among {', '.join(self.tried)}"
