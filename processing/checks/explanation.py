@@ -139,7 +139,7 @@ def explain(recorded: Recorded, model: BlockModel, shown: ShownLights) -> Explan
         arranged = _other_axes(model, recorded.shape) or inward(rim)
     if arranged is not None:
         # Sizes of others would be those of a wrong arrangement or curve.
-        return Explanation((arranged,), (arranged.name,))
+        return Explanation((arranged,), (arranged.name,), unexplained=0.0)
     found = image_faults(model, recorded.turned, recorded.blocks.size, recorded.blocks.top)
     causes = list(_of_images(found, recorded))
     wrong = [fault.image for fault in found]
@@ -154,7 +154,7 @@ def explain(recorded: Recorded, model: BlockModel, shown: ShownLights) -> Explan
     if any(cause.name == _CURVE for cause in decided.causes):
         curve, _ = _other_curve(recorded, model, 1.0)
     if curve is not None:
-        return replace(tested, causes=(*causes, curve))
+        return replace(tested, causes=(*causes, curve), unexplained=0.0)
     common, outstanding = decided.causes, decided.outstanding
     if recorded.detail is not None:
         # Blocks of many pixels hardly move.
