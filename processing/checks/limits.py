@@ -17,6 +17,8 @@ FORBIDS_SIGMAS = 3.0
 LARGEST_SIGMA_DEG = 4.0
 # The same if causes are compared with it, which were found in spite of the residual.
 LARGEST_OF_CAUSES_DEG = 2.0
+# Degrees: normals with a larger standard deviation are not good, whatever explains the residual.
+UNCERTAIN_DEG = 8.0
 # Share 0..1 of the squared residual above which the standard deviation is no excuse for a cause,
 # and degrees that it may have then: effects are of first order, actual ones up to twice as large.
 LARGE_SHARE = 0.2

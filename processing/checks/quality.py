@@ -138,10 +138,12 @@ class ImageQuality:
         )
 
     def _unexplained_deg(self, sigma_deg: float) -> float:
-        """Return what the residual does that causes and reflectance leave; 0 if it is small.
+        """Return what the residual does that causes and reflectance leave; 0 if both are small.
 
         Standard deviations contain an estimate of what the whole residual does.
         """
+        if sigma_deg > limits.UNCERTAIN_DEG:
+            return sigma_deg
         if self.residual < limits.GOOD:
             return 0.0
         return sigma_deg * float(np.sqrt(self.explanation.unexplained))

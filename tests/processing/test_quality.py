@@ -176,6 +176,11 @@ def test_a_turn_by_180_degrees_is_seen_at_a_steep_outline_only() -> None:
     assert "images-turned" in found.explanation.not_excluded
 
 
+def test_uncertain_normals_are_not_good() -> None:
+    found = image_quality(IMAGES, LIGHTS, MASK)
+    assert [found.verdict(sigma).answer for sigma in (0.5, 7.5, 9.0)] == ["good", "good", "check"]
+
+
 def test_too_few_images_or_pixels_are_not_judged() -> None:
     found = image_quality(IMAGES[:4], LIGHTS.take(range(4)), MASK)
     assert found.causes == ()
