@@ -273,6 +273,24 @@ def _horn(rng: np.random.Generator, size: float) -> Layer:
     return horn
 
 
+def _heaps(rng: np.random.Generator, size: float) -> list[Layer]:
+    """Return ellipsoids in many layers on a mound, which hide each other and the mound."""
+    waves = _waves(rng, size, 0.05, 0.5)
+    steep = rng.uniform(0.25, 0.45) * size
+
+    def mound(x: Float64, y: Float64) -> tuple[Float64, Bool]:
+        z, inside = waves(x, y)
+        return z + steep * np.exp(-(x**2 + y**2) / (0.3 * size) ** 2), inside
+
+    layers: list[Layer] = [mound]
+    for _ in range(40):
+        (u, v), angle = rng.uniform(-0.42, 0.42, 2) * size, rng.uniform(0, math.pi)
+        long, thick = rng.uniform(0.07, 0.18) * size, rng.uniform(0.04, 0.09) * size
+        w = float(mound(np.array(u), np.array(v))[0]) + rng.uniform(-0.3, 0.9) * thick
+        layers.append(_ellipsoid((u, v, w), (long, thick, thick), angle))
+    return layers
+
+
 KINDS: Final[dict[str, Builder]] = {
     "smooth": _smooth,
     "reliefs": _reliefs,
@@ -282,4 +300,5 @@ KINDS: Final[dict[str, Builder]] = {
     "tongues": _tongues,
     "spirals": _spirals,
     "horns": _horns,
+    "heaps": _heaps,
 }

@@ -18,6 +18,8 @@ Pair = tuple[Float32, Float32]
 _ROUNDS = 15
 # Rounds in which the turn of the normals counts, if it does.
 _UNEVEN_ROUNDS = 10
+# Rounds from a surface whose pieces were moved, and the first width of their gate in pixels.
+_LATE_ROUNDS, _LATE_WIDTH_PX = 6, 1.0
 # The residual gate is as wide as this quantile of the residuals at first, becomes narrower by this
 # factor in each round, and ends at this multiple of their deviation.
 _LARGE = 0.99
@@ -52,8 +54,8 @@ class Alternated:
         Number of rounds, and of iterations of the linear solver in all of them.
     relative_residual
         Of the linear solver in the last round.
-    last_change
-        By how much the last round moved the surface in itself, in pixels: the median.
+    moved
+        ``(H+2, W+2)`` by how much the last round moved the surface, in pixels.
     width
         Last width of the residual gate, in pixels.
     """
@@ -63,7 +65,7 @@ class Alternated:
     rounds: int
     iterations: int
     relative_residual: float
-    last_change: float
+    moved: Float64
     width: float
 
 
@@ -87,6 +89,8 @@ class Alternation:
         Known heights.
     start
         ``(H+2, W+2)`` first surface; default: 0.
+    continuity
+        ``(H+2, W+2)`` probabilities that edges are continuous, which multiply their weights.
     """
 
     edges: Edges
@@ -96,33 +100,58 @@ class Alternation:
     factors: Pair | None = None
     held: Anchors | None = None
     start: Float64 | None = None
+    continuity: Pair | None = None
 
     def shares(self, u: Float64) -> Pair:
         """Return how much each pixel trusts its right (lower) neighbour on a surface."""
         return kernels.shares(u, *self.edges[:2], self.facing, self.k, self.scale)
 
-    def solved(self, even: tuple[Pair, Pair]) -> Alternated:
-        """Compute surface and weights in turn; ``even``: factors of the first and last rounds."""
+    def trust(self, u: Float64) -> Pair:
+        """Return how much both pixels of each edge trust each other on a surface, 0 to 1."""
+        right, down = self.edges[:2]
+        shares = self.shares(u)
+        trust = np.zeros_like(right), np.zeros_like(down)
+        kernels.trust(right, shares[0], 0, trust[0])
+        kernels.trust(down, shares[1], 1, trust[1])
+        return trust
+
+    def solved(self, even: Pair | None = None, *, after: Float64 | None = None) -> Alternated:
+        """Compute surface and weights in turn.
+
+        Parameters
+        ----------
+        even
+            ``(H+2, W+2)`` additional factors of the weights in the first rounds.
+        after
+            ``(H+2, W+2)`` surface to improve in the last rounds only.
+        """
         right, down, *steps = self.edges
         edges, held = (right, down), self.held
-        u = np.zeros(edges[0].shape) if self.start is None else self.start.copy()
+        u = np.zeros(right.shape) if self.start is None else self.start.copy()
+        if after is not None:
+            u = after.copy()
         product = np.zeros_like(u)
-        weights = np.zeros_like(edges[0]), np.zeros_like(edges[1])
-        shares = np.full_like(edges[0], 0.5), np.full_like(edges[1], 0.5)
-        residuals = np.zeros_like(edges[0]), np.zeros_like(edges[1])
-        inside = self.facing != 0
-        pixels = max(int(np.count_nonzero(inside)), 1)
+        weights = np.zeros_like(right), np.zeros_like(down)
+        shares = np.full_like(right, 0.5), np.full_like(down, 0.5)
+        residuals = np.zeros_like(right), np.zeros_like(down)
+        one = np.ones_like(right)
+        last = (one, one) if self.continuity is None else self.continuity
+        first = last if even is None else (last[0] * even[0], last[1] * even[1])
+        pixels = max(int(np.count_nonzero(self.facing)), 1)
         iterations, begin, width, final, least = 0, np.inf, np.inf, 0.0, 0.0
-        for rounds in range(1, _ROUNDS + 1):
-            if rounds > 1:
+        # From a surface, the rounds are the last ones.
+        rounds, fresh = (_ROUNDS, 1) if after is None else (_LATE_ROUNDS, 0)
+        for number in range(fresh, rounds + fresh):
+            late = number > _UNEVEN_ROUNDS or not fresh
+            if number != 1 or not fresh:
                 shares = self.shares(u)
                 self._residuals(u, residuals)
                 usual, largest = self._spread(residuals)
-                begin = largest if rounds == 2 else begin
+                if number == 2 * fresh:
+                    begin = largest if fresh else _LATE_WIDTH_PX
                 final = _DEVIATIONS * max(usual, _LEAST_DEVIATION_PX)
-                width = max(final, begin * _NARROWER ** (rounds - 2))
+                width = max(final, begin * _NARROWER ** (number - 2 * fresh))
                 # In the first rounds, residuals are those of a surface that is still wrong.
-                late = rounds > _UNEVEN_ROUNDS
                 noise = min(usual / _LEAST_DEVIATION_PX, 1.0) if late else 0.0
                 least = _LEAST_WEIGHT * noise**2
             for axis in (0, 1):
@@ -130,7 +159,7 @@ class Alternation:
                     edges[axis],
                     self.facing,
                     shares[axis],
-                    even[rounds > _UNEVEN_ROUNDS][axis],
+                    (last if late else first)[axis],
                     residuals[axis],
                     axis,
                     width,
@@ -154,23 +183,22 @@ class Alternation:
             u += change.u
             iterations += change.iterations
             moved = self.scale * float(np.abs(change.u).sum()) / pixels
-            if moved < _STILL_PX and width <= final and rounds > _UNEVEN_ROUNDS:
+            if moved < _STILL_PX and width <= final and late:
                 break
         apply_laplacian(*weights, u, product)
         if held is not None:
             held.add(u, product)
         norm = float(np.linalg.norm(b))
         relative = float(np.linalg.norm(b - product)) / norm if norm else 0.0
-        moves = change.u[inside]
-        within = np.abs(moves - np.median(moves)) if moves.size else np.zeros(1)
-        last = self.scale * float(np.median(within))
-        return Alternated(u, weights, rounds, iterations, relative, last, width)
+        done = number + 1 - fresh
+        return Alternated(u, weights, done, iterations, relative, self.scale * change.u, width)
 
-    def misfit(self, u: Float64, width: float) -> float:
-        """Return about how many edges differ from a surface by more than ``width`` pixels."""
-        residuals = np.zeros_like(self.edges[0]), np.zeros_like(self.edges[1])
-        self._residuals(u, residuals)
-        return sum(float(kernels.misfit(residual, width).sum()) for residual in residuals)
+    def contradiction(self, u: Float64, witness: Pair) -> float:
+        """Return about the weight of the edges that a surface contradicts by half a pixel."""
+        return sum(
+            float(kernels.contradiction(u, each, steps, axis, self.scale).sum())
+            for axis, (each, steps) in enumerate(zip(witness, self.edges[2:], strict=True))
+        )
 
     def _residuals(self, u: Float64, out: Pair) -> None:
         right, down, to_right, to_down = self.edges

@@ -175,8 +175,14 @@ class ChordRule:
         else:
             right, down, *steps = perspective_edges(normals, mask, self._rays)
         if self._smooth:
-            extrapolate(normals, self._rays, (right, down), (steps[0], steps[1]), self.step_px)
+            self.correct(normals, (right, down), (steps[0], steps[1]))
         return right, down, steps[0], steps[1]
+
+    def correct(
+        self, normals: Float32, edges: tuple[Float32, Float32], steps: tuple[Float64, Float64]
+    ) -> None:
+        """Correct steps in place where the surface is smooth: where it has the given edges."""
+        extrapolate(normals, self._rays, edges, steps, self.step_px)
 
     def facing(self, normals: Float32, mask: Bool) -> Float32:
         """Return the cosines between normals and lines of sight in a border, 0 outside the mask."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,7 +20,8 @@ from processing.surface.grid_graph import divergence, label_parts
 from processing.surface.height_errors import simulate_errors
 from processing.surface.height_map import HeightMap
 from processing.surface.integrability_test import integrability
-from processing.surface.jumps import SHARPNESS, solve_with_jumps
+from processing.surface.jump_evidence import jump_evidence
+from processing.surface.jumps import MOST_SUSPECTS, SHARPNESS, solve_with_jumps
 from processing.surface.multigrid import solve
 from processing.surface.normal_turns import evenness
 from processing.surface.prior import HeightPrior
@@ -38,7 +41,7 @@ def integrate(
     common_sigma_deg: Float32 | float | None = None,
     weighted: bool = True,
     prior: HeightPrior | None = None,
-    discontinuity: bool = False,
+    discontinuity: bool | None = None,
     k: float = SHARPNESS,
     height_errors: bool = False,
     on_progress: Progress = no_progress,
@@ -80,11 +83,12 @@ def integrate(
         relative to its variance; without ``sigma_deg``, normals have deviations of 1 degree. A
         small deviation fixes a height.
     discontinuity
-        Look for jumps in depth, where one part of the surface hides another, and do not smooth
-        across them (see `processing.surface.jumps`). `HeightMap.jumps` says where they are.
+        Whether the surface may jump in depth, where one part hides another (see
+        `processing.surface.jumps`); `HeightMap.jumps` says where. Default: if the normals show it
+        (see `processing.surface.jump_evidence`), and the smooth surface contradicts more of them.
     k
-        With ``discontinuity``, how small the jumps are that count, in 1/px^2: a step of
-        ``1 / sqrt(k)`` pixels begins to be one.
+        How small the jumps are that count, in 1/px^2: a step of ``1 / sqrt(k)`` pixels begins to be
+        one.
     height_errors
         With ``sigma_deg``, also compute the standard deviations of the heights, by integrating
         24 maps of normals with simulated errors (`HeightMap.uncertainty`).
@@ -139,43 +143,66 @@ def integrate(
     # A kernel is compiled for each layout of its arguments: all windows have the same one.
     normals = np.ascontiguousarray(normal_map.normals[window])
     inside = np.ascontiguousarray(normal_map.mask[window])
-    chords = ChordRule(window, camera, smooth=not discontinuity)
+    chords = ChordRule(window, camera)
     right, down, step_right, step_down = chords.edges(normals, inside)
     labels, count = label_parts(right, down)
     if count == 0:
         raise _nothing_to_integrate(inside, normal_map.size)
-    sampled = some_steps(right, down, step_right, step_down)
+    steps = step_right, step_down
     held = None if prior is None else anchors(prior, labels, window, variance, scale)
     weights, factors = (right, down), None
     if relative is not None and weighted:
         factors = certainties(relative[window])
         weights = right * factors[0], down * factors[1]
-    facing = chords.facing(normals, inside) if discontinuity else None
-    even = evenness(normals, inside, (right, down)) if discontinuity else None
+    problem = evidence = even = None
+    if discontinuity is not False:
+        evidence = jump_evidence(normals, (right, down), steps, scale.step_px, factors)
+        if discontinuity or evidence.suspects > MOST_SUSPECTS:
+            # Where the surface jumps, normals before and after an edge are not those beside it.
+            own = step_right.copy(), step_down.copy()
+            chords.correct(normals, evidence.sure((right, down)), own)
+            facing = chords.facing(normals, inside)
+            even = evenness(normals, inside, (right, down))
+            problem = Alternation(
+                (right, down, *own),
+                facing,
+                k,
+                scale.step_px,
+                factors,
+                held,
+                None,
+                evidence.continuity,
+            )
+    if problem is None:
+        evidence = None
+    chords.correct(normals, (right, down), steps)
     shape = integrability(normals, inside)
-    rule = chords if height_errors else None
-    edges = (right, down, step_right, step_down)
-    b = divergence(*weights, step_right, step_down)
+    sampled = some_steps(right, down, *steps)
+    b = divergence(*weights, *steps)
     # What is large and not needed any longer does not add to the memory of the solver.
-    if not (height_errors or discontinuity):
-        del edges
     if not height_errors:
         del normals
-    del chords, right, down, step_right, step_down
+    del chords, right, down, step_right, step_down, steps
     jumps = free = None
     if held is not None:
         # Jumps that the normals do not show look like errors of known heights.
         solution, free, held = solve_anchored(
-            *weights, b, labels, held, leave_out=not discontinuity, on_progress=on_progress
+            *weights, b, labels, held, leave_out=problem is None, on_progress=on_progress
         )
-    elif facing is None:
+    elif not discontinuity:
         solution = solve(*weights, b, on_progress=on_progress)
     del b
-    if facing is not None and even is not None:
-        start = None if held is None else solution.u
-        problem = Alternation(edges, facing, k, scale.step_px, factors, held, start)
-        solution, jumps, weights = solve_with_jumps(problem, even, on_progress)
-        jumps = jumps.placed(window, normal_map.size)
+    if problem is not None and evidence is not None and even is not None:
+        if held is not None:
+            problem = replace(problem, held=held, start=solution.u)
+        jumping, jumps, own_weights = solve_with_jumps(problem, evidence, even, on_progress)
+        contradiction = functools.partial(problem.contradiction, witness=evidence.witness)
+        if discontinuity or contradiction(jumping.u) < contradiction(solution.u):
+            solution, weights = jumping, own_weights
+            jumps = jumps.placed(window, normal_map.size)
+        else:
+            jumps = None
+    del problem, evidence, even
     parts = np.full(normal_map.size, -1, np.int32)
     parts[window] = labels[1:-1, 1:-1]
     mask = parts >= 0
@@ -195,12 +222,13 @@ def integrate(
         depth[mask] = found
         height[mask] = scale.distance - found
     uncertainty = None
-    if rule is not None and relative is not None:
+    if height_errors and relative is not None:
+        rule = ChordRule(window, camera, smooth=jumps is None)
         uncertainty = simulate_errors(
             normals,
             inside,
             rule,
-            edges[2:],
+            rule.edges(normals, inside)[2:],
             weights,
             labels,
             factor=scale.pixel_size if depth is None else -depth[window],

@@ -19,6 +19,10 @@ from rig.kernels import PART
 _LARGEST_EXPONENT = 50.0
 # Least factor of the trust of the two pixels of an edge, and of the gate of its residual.
 _LEAST = 0.03
+# Least weight. Pieces that hang together by less would move by rounding errors.
+_LEAST_WEIGHT = np.float32(1e-6)
+# An edge that a surface contradicts by this much, in pixels, counts half.
+_CONTRADICTING_PX = 0.5
 
 
 @numba.njit(**PART)
@@ -90,7 +94,7 @@ def gated_weights(
     share
         ``(H+2, W+2)`` float32 share 0..1 of the right (lower) neighbour of each pixel.
     evenness
-        ``(H+2, W+2)`` float32 weight 0..1 of each edge from the turn of the normals across it.
+        ``(H+2, W+2)`` float32 weight 0..1 of each edge from the normals alone.
     residual
         ``(H+2, W+2)`` float32 residuals of the edges, see `residuals`.
     vertical
@@ -114,7 +118,8 @@ def gated_weights(
             gate = _LEAST + (1 - _LEAST) * 2 * min(one, other)
             fit = max((1 + (residual[r, c] / width) ** 2) ** -2, _LEAST)
             facing2 = one * facing[r, c] ** 2 + other * facing[q, d] ** 2
-            out[r, c] = max(gate * fit, least) * evenness[r, c] * facing2
+            weight = max(gate * fit, least) * evenness[r, c] * facing2
+            out[r, c] = max(weight, _LEAST_WEIGHT)
 
 
 @numba.njit(parallel=True, cache=True)
@@ -135,14 +140,32 @@ def residuals(
 
 
 @numba.njit(parallel=True, cache=True)
-def misfit(residual: Float32, width: float) -> Float64:
-    """Return, for each row, the sum of r^2 / (r^2 + width^2): about the number of jumps."""
-    sums = np.zeros(len(residual), np.float64)
-    for r in numba.prange(len(residual)):
+def contradiction(
+    u: Float64, witness: Float32, steps: Float64, vertical: int, scale: float
+) -> Float64:
+    """Return, for each row, the sum of w r^2 / (r^2 + s^2) of the residuals r of its edges.
+
+    Parameters
+    ----------
+    u
+        ``(H+2, W+2)`` float64 surface.
+    witness
+        ``(H+2, W+2)`` float32 weights w.
+    steps
+        ``(H+2, W+2)`` float64 steps along the edges.
+    vertical
+        1 for edges that point down, 0 for edges to the right.
+    scale
+        Pixels for a step of 1.
+    """
+    rows, columns = witness.shape
+    sums = np.zeros(rows, np.float64)
+    for r in numba.prange(1, rows - 1):
+        q = r + vertical
         total = 0.0
-        for c in range(residual.shape[1]):
-            square = float(residual[r, c]) ** 2
-            total += square / (square + width * width)
+        for c in range(1, columns - 1):
+            off = scale * (u[q, c + 1 - vertical] - u[r, c] - steps[r, c])
+            total += witness[r, c] * off * off / (off * off + _CONTRADICTING_PX**2)
         sums[r] = total
     return sums
 

@@ -61,7 +61,7 @@ def surface(
         Folder for height.exr, height.png, depth.exr (with a camera), normal_residual_deg.exr (angle
         between the given normals and those of the surface), curl_deg.exr and curl.png (where
         normals contradict each other), mask.png, surface.ply and surface.json;
-        discontinuity.png, jumps.png and parts.png with --discontinuity, height_sigma.exr with
+        discontinuity.png, jumps.png and parts.png of a surface that jumps, height_sigma.exr with
         --height-sigma.
     mask
         Mask image of the pixels to integrate; default: all pixels with a normal.
@@ -94,7 +94,7 @@ def surface(
     force
         Write into an output folder that already contains files.
     """
-    options.sharpness()  # refuses --k without jumps
+    options.sharpness()  # refuses options that exclude each other
     if prior_sigma is not None and prior is None:
         raise UsageError("--prior-sigma is for known heights: give --prior too")
     if options.height_sigma and sigma is None:
@@ -125,9 +125,9 @@ def surface(
 def _with_remedy(
     notice: rig.Notice, green: Literal["up", "down"], options: SurfaceOptions
 ) -> rig.Notice:
-    """Name the option that turns green round, or keeps jumps in depth, if it may help."""
-    if notice.code == "surface-differs" and not options.discontinuity:
-        return replace(notice, text=f"{notice.text}; --discontinuity keeps jumps")
+    """Name the option that turns green round, or smooths jumps in depth, if it may be the cause."""
+    if notice.code == "surface-differs" and options.smooth:
+        return replace(notice, text=f"{notice.text}; --smooth smooths jumps")
     return with_remedy(notice, green)
 
 

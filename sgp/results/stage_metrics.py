@@ -257,11 +257,11 @@ class SurfaceMetrics(MeshMetrics):
     prior_rms : `unit`
         rms difference between the surface and these heights
     jumps
-        `--discontinuity`: pairs of neighbours between which the surface jumps
+        if the surface jumps: pairs of neighbours between which the surface jumps
     pieces
-        `--discontinuity`: pieces that no reliable pair of neighbours connects
+        if the surface jumps: pieces that no reliable pair of neighbours connects
     settled
-        `--discontinuity`: whether the surface stood still in the last round
+        if the surface jumps: whether the surface stood still in the last round
     """
 
     unit: Literal["mm", "px"]

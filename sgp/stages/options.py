@@ -103,16 +103,18 @@ class SurfaceOptions:
         Thickness of the base of solid.stl below the lowest point, in mm, or in pixels if the scale
         is not known; default: 2 % of the longer side. Implies --close.
     discontinuity
-        Look for jumps in depth, where one part of the object hides another, and do not smooth
-        across them; meshes are cut there. discontinuity.png, jumps.png and parts.png show what was
-        found.
+        Keep jumps in depth, where one part of the object hides another, whether or not the normals
+        show any; meshes are cut there. discontinuity.png, jumps.png and parts.png show what was
+        found. Default: where the normals show jumps.
+    smooth
+        Look for no jumps: the surface is one smooth piece.
     height_sigma
         Also write height_sigma.exr, the standard deviation of each height, from simulated errors of
         the normals, and report that of differences in height; about 6 CPU seconds per million
         pixels. Requires standard deviations of the normals.
     k
-        With --discontinuity: how small the jumps are that count; steps of 1 / sqrt(k) pixels begin
-        to be jumps; default: 4.
+        How small the jumps are that count; steps of 1 / sqrt(k) pixels begin to be jumps; default:
+        4.
     """
 
     pixel_mm: Positive | None = None
@@ -124,16 +126,21 @@ class SurfaceOptions:
     close: bool = False
     base: Positive | None = None
     discontinuity: bool = False
+    smooth: bool = False
     k: Positive | None = None
     height_sigma: bool = False
 
+    def jumps(self) -> bool | None:
+        """Return whether the surface may jump; None if the normals decide."""
+        if self.smooth and self.discontinuity:
+            raise UsageError("--smooth and --discontinuity exclude each other: give one of them")
+        return False if self.smooth else self.discontinuity or None
+
     def sharpness(self) -> float:
-        """Return the k of jumps."""
-        if self.k is None:
-            return 4.0
-        if not self.discontinuity:
-            raise UsageError("--k is for jumps in depth: give --discontinuity too")
-        return self.k
+        """Return the k of jumps, and refuse options that exclude each other."""
+        if self.jumps() is False and self.k is not None:
+            raise UsageError("--k is for jumps in depth, which --smooth excludes: leave it out")
+        return 4.0 if self.k is None else self.k
 
     def formats(self) -> tuple[str, ...]:
         """Return the suffixes of the meshes to write."""

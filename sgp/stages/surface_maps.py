@@ -228,7 +228,7 @@ def integrated(
                     weighted=inputs.weighted,
                     prior=prior,
                     height_errors=options.height_sigma and sigma is not None,
-                    discontinuity=options.discontinuity,
+                    discontinuity=options.jumps(),
                     k=options.sharpness(),
                     on_progress=progress,
                 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 import numpy as np
+import pytest
 import trimesh
 
 from acquisition import read_image
@@ -16,7 +17,7 @@ def test_jumps_are_written_and_reported(sgp, tmp_path) -> None:
     write_normals(tmp_path / "n", horn()[0])
     options = ["--pixel-mm", "0.5", "--close"]
     found = {}
-    for name, more in (("plain", []), ("jumps", ["--discontinuity", "--k", "3"])):
+    for name, more in (("plain", ["--smooth"]), ("jumps", ["--k", "3"])):
         answer = sgp("surface", tmp_path / "n", *options, *more, "--out", tmp_path / name)
         assert answer.code == 0, answer.err
         assert "normals of the surface differ from the given ones by" in answer.out + answer.err
@@ -32,8 +33,17 @@ def test_jumps_are_written_and_reported(sgp, tmp_path) -> None:
     assert found["jumps"]["jumps"] > 50
     assert isinstance(found["jumps"]["settled"], bool)
     assert "settled" not in found["plain"]
-    line = sgp("surface", tmp_path / "n", "--k", "3", "--out", tmp_path / "k").error_line(2)
-    assert "give --discontinuity too" in line
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [("--smooth --discontinuity", "exclude each other"), ("--smooth --k 3", "leave it out")],
+    ids=["both", "k of a smooth surface"],
+)
+def test_options_that_exclude_each_other(sgp, tmp_path, options, reason) -> None:
+    write_normals(tmp_path / "n", horn(20)[0])
+    line = sgp("surface", tmp_path / "n", *options.split(), "--out", tmp_path / "o").error_line(2)
+    assert reason in line
 
 
 def test_mirrored_green_names_the_option(sgp, tmp_path) -> None:

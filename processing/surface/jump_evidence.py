@@ -1,0 +1,181 @@
+"""What normals alone say about jumps in depth between neighbouring pixels.
+
+Two things betray a jump. The normals of both sides differ, and the steps around four pixels do not
+add up to 0, because those across the jump are wrong (the curl of the slopes). Either is weak: the
+normals differ at a crease, too, and the curl is small where a jump has the same height for some
+pixels. Together, they distinguish jumps from smooth surfaces and from noise.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from rig.arrays import Float32, Float64, Int64
+
+Pair = tuple[Float32, Float32]
+
+# The odds of a jump are (turn + _TURN_DEG) (curl + _CURL_PX)^(4/3) / _EVEN, with the turn of the
+# normals in degrees and the curl in pixels: a fit to simulated scenes.
+_TURN_DEG, _CURL_PX, _EVEN = 3.0, 0.05, 50.0
+# An edge with a lower probability of being continuous is suspect.
+SURE = 0.95
+# Turns up to this multiple of the median turn of the map, and curls up to this number of their
+# standard deviations, may be noise.
+_USUAL_TURNS, _USUAL_CURLS = 1.5, 3.0
+# The curl is small where a jump has the same height for some pixels: that of this many more pixels
+# along the rim counts.
+_REACH = 2
+# Normals that turn by this angle: the step between them is a quarter as good a witness of heights.
+_WITNESS_DEG = 20.0
+# From the median of absolute values to a standard deviation.
+_MEDIAN_TO_SIGMA = 1.4826
+# About as many values have a median that is good enough.
+_SAMPLES = 200_000
+
+
+class JumpEvidence(NamedTuple):
+    """The evidence of all edges.
+
+    Parameters
+    ----------
+    continuity
+        ``(H+2, W+2)`` float32 probabilities that the edges to the right and down are continuous,
+        1 without an edge.
+    witness
+        ``(H+2, W+2)`` float32 weights of their steps as witnesses of relative heights: those of the
+        chord rule, less where the normals turn.
+    suspects
+        Share of the edges that are suspect.
+    """
+
+    continuity: Pair
+    witness: Pair
+    suspects: float
+
+    def sure(self, edges: Pair) -> tuple[Float32, Float32]:
+        """Return the weights of edges, 0 for those that are suspect."""
+        right, down = (
+            np.where(probability >= SURE, edge, np.float32(0))
+            for probability, edge in zip(self.continuity, edges, strict=True)
+        )
+        return right, down
+
+
+def jump_evidence(
+    normals: Float32,
+    edges: Pair,
+    steps: tuple[Float64, Float64],
+    step_px: float,
+    factors: Pair | None = None,
+) -> JumpEvidence:
+    """Return what normals say about jumps.
+
+    Parameters
+    ----------
+    normals
+        ``(H, W, 3)`` float32 unit vectors.
+    edges, steps
+        ``(H+2, W+2)`` weights of the edges to the right and down, and steps of the chord rule.
+    step_px
+        Pixels for a step of 1.
+    factors
+        ``(H+2, W+2)`` factors of the weights, from the deviations of the normals.
+    """
+    known = edges if factors is None else (edges[0] * factors[0], edges[1] * factors[1])
+    curls, spreads = _curls(known[0], known[1], steps[0], steps[1], step_px)
+    turns = _turns(normals, edges[0], 0), _turns(normals, edges[1], 1)
+    sparse = max(1, math.isqrt(curls.size // _SAMPLES))
+    some = np.s_[::sparse, ::sparse]
+    curled = spreads[some] > 0
+    noise = _USUAL_CURLS * _MEDIAN_TO_SIGMA * _median(curls[some][curled] / spreads[some][curled])
+    turned = [turn[some][edge[some] > 0] for turn, edge in zip(turns, edges, strict=True)]
+    usual = _USUAL_TURNS * _median(np.concatenate(turned))
+    suspects = 0
+    witness = edges[0].copy(), edges[1].copy()
+    for axis in (0, 1):
+        # The turns become probabilities.
+        found = _judge(edges[axis], curls, spreads, axis, usual, noise, turns[axis], witness[axis])
+        suspects += int(found.sum())
+    count = int(np.count_nonzero(edges[0])) + int(np.count_nonzero(edges[1]))
+    return JumpEvidence(turns, witness, suspects / max(count, 1))
+
+
+def _median(values: Float32) -> float:
+    return float(np.median(values)) if values.size else 0.0
+
+
+@numba.njit(parallel=True, cache=True)
+def _curls(
+    right: Float32, down: Float32, to_right: Float64, to_down: Float64, step_px: float
+) -> tuple[Float32, Float32]:
+    """Return absolute sums of the steps around each pixel and the next ones, in pixels.
+
+    The second map has their standard deviations for normals with an error of 1; 0 without a sum.
+    """
+    rows, columns = right.shape
+    curls = np.zeros((rows, columns), np.float32)
+    spreads = np.zeros((rows, columns), np.float32)
+    for r in numba.prange(rows - 1):
+        for c in range(columns - 1):
+            upper, lower = right[r, c], right[r + 1, c]
+            here, next_ = down[r, c], down[r, c + 1]
+            if min(min(upper, lower), min(here, next_)) > 0:
+                total = to_right[r, c] + to_down[r, c + 1] - to_right[r + 1, c] - to_down[r, c]
+                curls[r, c] = step_px * abs(total)
+                spreads[r, c] = math.sqrt(1 / upper + 1 / lower + 1 / here + 1 / next_)
+    return curls, spreads
+
+
+@numba.njit(parallel=True, cache=True)
+def _turns(normals: Float32, edges: Float32, vertical: int) -> Float32:
+    """Return the angle between both normals of each edge, in degrees; 0 without an edge."""
+    rows, columns = edges.shape
+    out = np.zeros((rows, columns), np.float32)
+    for r in numba.prange(1, rows - 1):
+        for c in range(1, columns - 1):
+            if edges[r, c] > 0:
+                chord2 = 0.0
+                for k in range(3):
+                    near = normals[r - 1, c - 1, k]
+                    chord2 += (normals[r - 1 + vertical, c - vertical, k] - near) ** 2
+                out[r, c] = math.degrees(2 * math.asin(min(math.sqrt(chord2) / 2, 1.0)))
+    return out
+
+
+@numba.njit(parallel=True, cache=True)
+def _judge(
+    edges: Float32,
+    curls: Float32,
+    spreads: Float32,
+    vertical: int,
+    usual: float,
+    noise: float,
+    turns: Float32,
+    witness: Float32,
+) -> Int64:
+    """Replace turns by probabilities, lessen the witness, and count the suspects of each row."""
+    rows, columns = edges.shape
+    suspects = np.zeros(rows, np.int64)
+    for r in numba.prange(rows):
+        for c in range(columns):
+            turn2 = max(float(turns[r, c]) ** 2 - usual * usual, 0.0)
+            turns[r, c] = 1
+            if edges[r, c] <= 0:
+                continue
+            # The sums beside the edge, and those further along the rim.
+            largest = 0.0
+            for along in range(-1 - _REACH, 1 + _REACH):
+                q, d = r + along * (1 - vertical), c + along * vertical
+                if 0 <= q < rows and 0 <= d < columns:
+                    own = float(curls[q, d]) ** 2 - (noise * spreads[q, d]) ** 2
+                    largest = max(largest, own)
+            curl = math.sqrt(largest)
+            odds = (math.sqrt(turn2) + _TURN_DEG) * (curl + _CURL_PX) ** (4 / 3) / _EVEN
+            turns[r, c] = 1 / (1 + odds)
+            witness[r, c] = edges[r, c] / (1 + turn2 / _WITNESS_DEG**2) ** 2
+            suspects[r] += turns[r, c] < SURE
+    return suspects
