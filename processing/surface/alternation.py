@@ -26,7 +26,7 @@ _LARGE = 0.99
 _NARROWER = 0.7
 _DEVIATIONS = 8.0
 _LEAST_DEVIATION_PX = 0.02
-_SAMPLES = 100_000
+_SAMPLES = 20_000
 # Least factor of the weight of an edge across a certain jump, if the residuals are noise of
 # `_LEAST_DEVIATION_PX` or more. It holds parts that only doubtful edges connect where the last
 # surface had them; otherwise noise moves them further in every round. With less noise, it is less.

@@ -184,6 +184,20 @@ class ChordRule:
         """Correct steps in place where the surface is smooth: where it has the given edges."""
         extrapolate(normals, self._rays, edges, steps, self.step_px)
 
+    def halved(self) -> ChordRule:
+        """Return the rule for pixels of twice the size, of which the last may be incomplete."""
+        rule = ChordRule((slice(0), slice(0)), None)
+        if self._rays is not None:
+            rays = np.pad(self._rays, [(0, n % 2) for n in self._rays.shape[:2]] + [(0, 0)], "edge")
+            rule._rays = (rays[::2, ::2] + rays[1::2, ::2] + rays[::2, 1::2] + rays[1::2, 1::2]) / 4
+            rule.step_px = self.step_px / 2
+        return rule
+
+    @property
+    def halving(self) -> float:
+        """What a solution of the halved rule is multiplied by: heights are in its pixels."""
+        return 2.0 if self._rays is None else 1.0
+
     def facing(self, normals: Float32, mask: Bool) -> Float32:
         """Return the cosines between normals and lines of sight in a border, 0 outside the mask."""
         cosines = normals[..., 2] if self._rays is None else facing_cosines(normals, self._rays)

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import functools
 import math
-from dataclasses import replace
 
 import numpy as np
 
 from acquisition import CameraModel, DataError, MapRows
 from calibration import EstimateError
 from processing.maps.normal_map import NormalMap, check_normal_map
-from processing.surface.alternation import Alternation
 from processing.surface.anchors import anchors, doubts_of_prior, solve_anchored
 from processing.surface.chord_rule import ChordRule
 from processing.surface.consistency import angle_between_deg, consistency_warning, some_steps
@@ -20,10 +17,8 @@ from processing.surface.grid_graph import divergence, label_parts
 from processing.surface.height_errors import simulate_errors
 from processing.surface.height_map import HeightMap
 from processing.surface.integrability_test import integrability
-from processing.surface.jump_evidence import jump_evidence
-from processing.surface.jumps import MOST_SUSPECTS, SHARPNESS, solve_with_jumps
+from processing.surface.jumps import LEAST_SUSPECTS, SHARPNESS, JumpProblem
 from processing.surface.multigrid import solve
-from processing.surface.normal_turns import evenness
 from processing.surface.prior import HeightPrior
 from processing.surface.scale import check_view, nothing_faces, placed, scale_of
 from processing.surface.surface_notices import doubts_of_parts, doubts_of_solution
@@ -154,27 +149,12 @@ def integrate(
     if relative is not None and weighted:
         factors = certainties(relative[window])
         weights = right * factors[0], down * factors[1]
-    problem = evidence = even = None
+    problem = None
     if discontinuity is not False:
-        evidence = jump_evidence(normals, (right, down), steps, scale.step_px, factors)
-        if discontinuity or evidence.suspects > MOST_SUSPECTS:
-            # Where the surface jumps, normals before and after an edge are not those beside it.
-            own = step_right.copy(), step_down.copy()
-            chords.correct(normals, evidence.sure((right, down)), own)
-            facing = chords.facing(normals, inside)
-            even = evenness(normals, inside, (right, down))
-            problem = Alternation(
-                (right, down, *own),
-                facing,
-                k,
-                scale.step_px,
-                factors,
-                held,
-                None,
-                evidence.continuity,
-            )
-    if problem is None:
-        evidence = None
+        least = 0.0 if discontinuity else LEAST_SUSPECTS
+        edges = (right, down, *steps)
+        problem = JumpProblem.of(normals, inside, chords, edges, k=k, factors=factors, least=least)
+        del edges
     chords.correct(normals, (right, down), steps)
     shape = integrability(normals, inside)
     sampled = some_steps(right, down, *steps)
@@ -192,17 +172,16 @@ def integrate(
     elif not discontinuity:
         solution = solve(*weights, b, on_progress=on_progress)
     del b
-    if problem is not None and evidence is not None and even is not None:
+    if problem is not None:
         if held is not None:
-            problem = replace(problem, held=held, start=solution.u)
-        jumping, jumps, own_weights = solve_with_jumps(problem, evidence, even, on_progress)
-        contradiction = functools.partial(problem.contradiction, witness=evidence.witness)
-        if discontinuity or contradiction(jumping.u) < contradiction(solution.u):
+            problem = problem.held_at(held, solution.u)
+        jumping, jumps, own_weights = problem.solved(on_progress)
+        if discontinuity or problem.contradiction(jumping.u) < problem.contradiction(solution.u):
             solution, weights = jumping, own_weights
             jumps = jumps.placed(window, normal_map.size)
         else:
             jumps = None
-    del problem, evidence, even
+    del problem
     parts = np.full(normal_map.size, -1, np.int32)
     parts[window] = labels[1:-1, 1:-1]
     mask = parts >= 0

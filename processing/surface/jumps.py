@@ -14,27 +14,31 @@ from typing import Final
 
 import numpy as np
 
-from processing.surface.alternation import TOLERANCE, Alternated, Alternation
+from processing.surface.alternation import TOLERANCE, Alternated, Alternation, Edges
+from processing.surface.anchors import Anchors
+from processing.surface.chord_rule import ChordRule
 from processing.surface.grid_graph import label_parts
-from processing.surface.jump_evidence import JumpEvidence, Pair
+from processing.surface.jump_evidence import JumpEvidence, Pair, jump_evidence
 from processing.surface.multigrid import Solution
+from processing.surface.normal_turns import evenness
 from processing.surface.placement import placed
 from rig import Progress, no_progress, short_repr
-from rig.arrays import Bool, Float32, Float64, Int32
+from rig.arrays import AnyArray, Bool, Float32, Float64, Int32
 
 # Default sharpness of the sigmoid, in 1/px^2.
 SHARPNESS: Final = 4.0
 # With a smaller share of suspect edges, no jumps are looked for: noise of 3 degrees has this share.
-MOST_SUSPECTS: Final = 2e-5
+LEAST_SUSPECTS: Final = 2e-5
 # If this share of the surface does not stand still, up to this much in pixels and relative to its
 # median, in the last round, it is reported as not settled.
 _SETTLED_PX = 0.1
 _SETTLED_QUANTILE = 0.9
 # Edges with more trust hold a piece together while pieces are placed, one after the other.
-_THRESHOLDS = (0.9, 0.8, 0.7, 0.5)
-_SWEEPS = 3
-# A placement is kept if it lessens the contradiction by this share.
-_WORTHWHILE = 1e-3
+_THRESHOLDS = (0.95, 0.9, 0.85, 0.8, 0.7, 0.6)
+# In a map with more pixels, pieces are searched in one of half the size.
+_LARGEST_SEARCH = 150_000
+# Normals of four pixels whose sum is shorter have no mean.
+_LEAST_SUM = 0.5
 # A jump is a step of at least this size in pixels, between pixels that trust each other less than
 # this. Of the depth jumps of more than 2 mm (5 px) in four captured objects, two thirds are found.
 _JUMP_PX = 2.0
@@ -95,76 +99,198 @@ class Jumps:
         return int(np.count_nonzero(self.right)) + int(np.count_nonzero(self.down))
 
 
-def solve_with_jumps(
-    problem: Alternation,
-    evidence: JumpEvidence,
-    even: Pair,
-    on_progress: Progress = no_progress,
-) -> tuple[Solution, Jumps, Pair]:
-    """Compute the surface and the weights of its edges in turn, and place its pieces.
-
-    Where the normals of both sides differ little, only abrupt turns of smoothed normals show a rim;
-    elsewhere they are misleading. Of two starts, with and without them, that continues which fewer
-    edges contradict. Its pieces are then moved to where the edges between them agree; what lessens
-    the contradiction is kept.
+@dataclass(frozen=True, eq=False)
+class JumpProblem:
+    """The search for jumps in one map of normals.
 
     Parameters
     ----------
-    problem
+    normals
+        ``(H, W, 3)`` float32 unit vectors.
+    mask
+        ``(H, W)`` bool.
+    chords
+        The chord rule.
+    alternation
         The normals, as steps between pixels.
     evidence
-        What the normals say about jumps.
-    even
-        ``(H+2, W+2)`` float32 weights of the edges by the turn of smoothed normals, see
-        `processing.surface.normal_turns`.
-    on_progress
-        Receives the stage ``integrating``, in percent.
-
-    Returns
-    -------
-    Solution
-        The surface under the last weights; its iterations are those of all rounds.
-    Jumps
-        Where it jumps.
-    weights
-        ``(H+2, W+2)`` the last weights of the edges to the right and down.
+        What they say about jumps.
     """
-    right, down, *steps = problem.edges
 
-    def contradiction(found: Alternated) -> float:
-        return problem.contradiction(found.u, evidence.witness)
+    normals: Float32
+    mask: Bool
+    chords: ChordRule
+    alternation: Alternation
+    evidence: JumpEvidence
 
-    on_progress("integrating", 0, 100)
-    first = problem.solved()
-    on_progress("integrating", 30, 100)
-    second = problem.solved(even)
-    on_progress("integrating", 60, 100)
-    found = min((first, second), key=contradiction)
-    least, iterations = contradiction(found), first.iterations + second.iterations
-    for sweep in range(_SWEEPS):
-        before = found
+    @classmethod
+    def of(
+        cls,
+        normals: Float32,
+        mask: Bool,
+        chords: ChordRule,
+        edges: Edges,
+        *,
+        k: float,
+        factors: Pair | None = None,
+        least: float = 0.0,
+    ) -> JumpProblem | None:
+        """Return the problem of normals; None if the share of suspect edges is below the least.
+
+        Parameters
+        ----------
+        normals, mask, chords
+            As above.
+        edges
+            Weights and steps of the chord rule.
+        k
+            Sharpness of the sigmoid, in 1/px^2.
+        factors
+            ``(H+2, W+2)`` float32 factors of the weights, from the deviations of the normals.
+        least
+            Least share of suspect edges.
+        """
+        right, down, *steps = edges
+        evidence = jump_evidence(
+            normals, (right, down), (steps[0], steps[1]), chords.step_px, factors
+        )
+        if evidence.suspects < least:
+            return None
+        # Where the surface jumps, normals before and after an edge are not those beside it.
+        own = steps[0].copy(), steps[1].copy()
+        chords.correct(normals, evidence.sure((right, down)), own)
+        alternation = Alternation(
+            (right, down, *own),
+            chords.facing(normals, mask),
+            k,
+            chords.step_px,
+            factors,
+            continuity=evidence.continuity,
+        )
+        return cls(normals, mask, chords, alternation, evidence)
+
+    def held_at(self, held: Anchors, start: Float64) -> JumpProblem:
+        """Return the problem with known heights and a first surface."""
+        return replace(self, alternation=replace(self.alternation, held=held, start=start))
+
+    def contradiction(self, u: Float64) -> float:
+        """Return about the weight of the edges that a surface contradicts by half a pixel."""
+        return self.alternation.contradiction(u, self.evidence.witness)
+
+    def solved(self, on_progress: Progress = no_progress) -> tuple[Solution, Jumps, Pair]:
+        """Return the surface under the last weights, where it jumps, and these weights.
+
+        The stage ``integrating`` of ``on_progress`` is in percent.
+        """
+        on_progress("integrating", 0, 100)
+        found, iterations = self.found()
+        on_progress("integrating", 100, 100)
+        # That the rounds end before the surface stands still is reported by the jumps.
+        converged = found.relative_residual <= TOLERANCE
+        solution = Solution(found.u, iterations, found.relative_residual, converged=converged)
+        problem = self.alternation
+        right, down = problem.edges[:2]
+        maps = _judged(problem.scale * found.u, (right, down), problem.trust(found.u))
+        moves = found.moved[problem.facing != 0]
+        within = np.abs(moves - np.median(moves)) if moves.size else np.zeros(1)
+        last_change = float(np.quantile(within, _SETTLED_QUANTILE))
+        jumps = Jumps(*maps, found.rounds, last_change, settled=last_change < _SETTLED_PX)
+        return solution, jumps, found.weights
+
+    def found(self) -> tuple[Alternated, int]:
+        """Return the surface after the last round, and the number of all iterations.
+
+        Pieces of a large map are found and placed in one of half the size.
+        """
+        if self.mask.size <= _LARGEST_SEARCH:
+            return self._searched()
+        coarse, iterations = self._halved().found()
+        found = self.alternation.solved(after=self._refined(coarse.u))
+        return found, iterations + found.iterations
+
+    def _searched(self) -> tuple[Alternated, int]:
+        """Compute surface and weights in turn, and place pieces.
+
+        Where the normals of both sides differ little, only abrupt turns of smoothed normals show a
+        rim; elsewhere they are misleading. Of two starts, with and without them, that continues
+        which fewer edges contradict. Then pieces are moved to where the edges between them agree:
+        small ones first, which only the surest edges hold together. Of all these surfaces, the
+        least contradicted one is returned.
+        """
+        problem, witness = self.alternation, self.evidence.witness
+        even = evenness(self.normals, self.mask, problem.edges[:2])
+        starts = [problem.solved(), problem.solved(even)]
+        best = found = min(starts, key=lambda start: self.contradiction(start.u))
+        least = self.contradiction(found.u)
+        iterations = sum(start.iterations for start in starts)
         for threshold in _THRESHOLDS:
-            trust = problem.trust(found.u)
             u = placed(
-                found.u, (steps[0], steps[1]), evidence.witness, trust, threshold, problem.scale
+                found.u,
+                (problem.edges[2], problem.edges[3]),
+                witness,
+                problem.trust(found.u),
+                threshold,
+                problem.scale,
+                problem.held,
             )
-            moved = problem.solved(after=u)
-            iterations += moved.iterations
-            if contradiction(moved) < (1 - _WORTHWHILE) * least:
-                found, least = moved, contradiction(moved)
-        on_progress("integrating", 60 + 40 * (sweep + 1) // _SWEEPS, 100)
-        if found is before:
-            break
-    on_progress("integrating", 100, 100)
-    # That the rounds end before the surface stands still is reported by the jumps.
-    converged = found.relative_residual <= TOLERANCE
-    solution = Solution(found.u, iterations, found.relative_residual, converged=converged)
-    maps = _judged(problem.scale * found.u, (right, down), problem.trust(found.u))
-    moves = found.moved[problem.facing != 0]
-    within = np.abs(moves - np.median(moves)) if moves.size else np.zeros(1)
-    last_change = float(np.quantile(within, _SETTLED_QUANTILE))
-    jumps = Jumps(*maps, found.rounds, last_change, settled=last_change < _SETTLED_PX)
-    return solution, jumps, found.weights
+            found = problem.solved(after=u)
+            iterations += found.iterations
+            contradiction = self.contradiction(found.u)
+            if contradiction < least:
+                best, least = found, contradiction
+        return best, iterations
+
+    def _halved(self) -> JumpProblem:
+        """Return the problem of a map of half the size."""
+        problem, chords = self.alternation, self.chords.halved()
+        normals = _sums_of_four(self.normals * self.mask[..., None])
+        lengths = np.linalg.norm(normals, axis=2)
+        mask: Bool = lengths > _LEAST_SUM
+        normals /= np.maximum(lengths, _LEAST_SUM)[..., None]
+        normals[~mask] = 0
+        factors: Pair | None = None
+        if problem.factors is not None:
+            right, down = (_sums_of_four(each[1:-1, 1:-1]) for each in problem.factors)
+            factors = np.pad(right / np.float32(4), 1), np.pad(down / np.float32(4), 1)
+        # Pixels are larger, and so are steps of 1 / sqrt(k) of the smaller ones.
+        half = JumpProblem.of(
+            normals, mask, chords, chords.edges(normals, mask), k=4 * problem.k, factors=factors
+        )
+        if half is None:
+            raise AssertionError("a problem without a least share of suspects exists")
+        if problem.held is None or problem.start is None:
+            return half
+        weights = _sums_of_four(problem.held.weights[1:-1, 1:-1])
+        known = np.maximum(weights, np.finfo(np.float32).tiny)
+        target, start = (
+            np.pad(_sums_of_four(values[1:-1, 1:-1]) / (count * self.chords.halving), 1)
+            for values, count in ((problem.held.load, known), (problem.start, 4))
+        )
+        held = replace(problem.held, weights=np.pad(weights, 1), target=target)
+        return half.held_at(held, start)
+
+    def _refined(self, coarse: Float64) -> Float64:
+        """Return the surface of the complete map from that of half the size."""
+        rows, columns = self.mask.shape
+        u = np.zeros((rows + 2, columns + 2))
+        doubled = coarse[1:-1, 1:-1].repeat(2, axis=0).repeat(2, axis=1)
+        u[1:-1, 1:-1] = self.chords.halving * doubled[:rows, :columns]
+        # Within each square of four, half a step to either side.
+        across = self.alternation.edges[2][1:-1, 1:-2:2] / 2
+        u[1:-1, 1:-2:2] -= across
+        u[1:-1, 2:-1:2] += across
+        along = self.alternation.edges[3][1:-2:2, 1:-1] / 2
+        u[1:-2:2, 1:-1] -= along
+        u[2:-1:2, 1:-1] += along
+        return u
+
+
+def _sums_of_four(values: AnyArray) -> AnyArray:
+    """Return the sums over squares of four pixels, of which the last may be incomplete."""
+    sizes = values.shape[:2]
+    even = np.pad(values, [(0, n % 2) for n in sizes] + [(0, 0)] * (values.ndim - 2))
+    sums: AnyArray = even[::2, ::2] + even[1::2, ::2] + even[::2, 1::2] + even[1::2, 1::2]
+    return sums
 
 
 def _judged(

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+from processing.surface.anchors import Anchors
 from processing.surface.grid_graph import label_parts
 from rig.arrays import Float32, Float64, Int32, Int64
 from rig.kernels import PART
@@ -22,6 +23,8 @@ Pair = tuple[Float32, Float32]
 _AGREEING_PX = 0.5
 # Smaller pieces, in pixels, are parts of the neighbour that they trust most.
 _CRUMB = 30
+# Pairs are put together in one round if their votes agree this well, relative to the best pair.
+_AS_GOOD = 0.5
 # Offsets of two pieces that are tried.
 _TRIED = 200
 
@@ -33,6 +36,7 @@ def placed(
     trust: Pair,
     threshold: float,
     scale: float,
+    held: Anchors | None = None,
 ) -> Float64:
     """Return a surface whose pieces are moved to where the edges between them agree.
 
@@ -50,13 +54,24 @@ def placed(
         Edges with more trust hold a piece together.
     scale
         Pixels for a step of 1.
+    held
+        Known heights, which vote for the heights of their pieces.
     """
     pieces, count = _pieces(witness, trust, threshold)
     votes = [_votes(pieces, u, witness[axis], steps[axis], axis, scale) for axis in (0, 1)]
-    a, b, offsets, weights = (np.concatenate(each) for each in zip(*votes, strict=True))
-    moves = _agreed(count, a, b, offsets, weights)
-    found = u.copy()
     inside = pieces >= 0
+    if held is not None:
+        known = np.flatnonzero(inside.ravel() & (held.weights.ravel() > 0))
+        piece = pieces.ravel()[known]
+        off = scale * (held.target - u).ravel()[known]
+        weight = held.weights.ravel()[known].astype(np.float64)
+        votes.append((np.full(len(piece), count, np.int32), piece, off, weight))
+    a, b, offsets, weights = (np.concatenate(each) for each in zip(*votes, strict=True))
+    # The last group is what the known heights belong to: it does not move.
+    moves = _agreed(count + 1, a, b, offsets, weights)
+    if held is not None:
+        moves -= moves[count]
+    found = u.copy()
     found[inside] += moves[pieces[inside]] / scale
     return found
 
@@ -134,8 +149,8 @@ def _votes(
 def _agreed(count: int, a: Int32, b: Int32, offsets: Float64, weights: Float64) -> Float64:
     """Return by how much each piece moves.
 
-    In each round, all pairs of groups are put together that agree better with each other than with
-    any other group.
+    In each round, those groups are put together whose votes agree at least half as well as those of
+    the best pair.
     """
     group = np.arange(count, dtype=np.int32)
     moves = np.zeros(count)
@@ -146,13 +161,10 @@ def _agreed(count: int, a: Int32, b: Int32, offsets: Float64, weights: Float64) 
         order = np.lexsort((offsets, b, a))
         a, b, offsets, weights = a[order], b[order], offsets[order], weights[order]
         first = np.flatnonzero(np.append(True, (np.diff(a) != 0) | (np.diff(b) != 0)))
-        one, other = a[first], b[first]
         agreement, best = _modes(np.append(first, len(a)), offsets, weights)
-        partner = _partners(count, one, other, agreement)
-        mutual = np.flatnonzero((partner[one] == other) & (partner[other] == one))
-        shift, joined = np.zeros(count), np.arange(count, dtype=np.int32)
-        shift[other[mutual]] = best[mutual]
-        joined[other[mutual]] = one[mutual]
+        order = np.argsort(-agreement, kind="stable")
+        order = order[agreement[order] >= _AS_GOOD * agreement.max()]
+        joined, shift = _put_together(count, a[first[order]], b[first[order]], best[order])
         moves += shift[group]
         group = joined[group]
         offsets = offsets - shift[b] + shift[a]
@@ -163,14 +175,28 @@ def _agreed(count: int, a: Int32, b: Int32, offsets: Float64, weights: Float64) 
 
 
 @numba.njit(cache=True)
-def _partners(count: int, one: Int32, other: Int32, agreement: Float64) -> Int64:
-    """Return the group with which each group agrees best."""
-    partner, best = np.full(count, -1), np.full(count, -1.0)
-    for k in range(len(one)):
-        for i, j in ((one[k], other[k]), (other[k], one[k])):
-            if agreement[k] > best[i]:
-                best[i], partner[i] = agreement[k], j
-    return partner
+def _put_together(count: int, a: Int32, b: Int32, offsets: Float64) -> tuple[Int32, Float64]:
+    """Put groups together pair by pair; return the first of each group, and how it moves."""
+    parent = np.arange(count).astype(np.int32)
+    shift = np.zeros(count)
+    for k in range(len(a)):
+        i, j = a[k], b[k]
+        move = offsets[k]
+        while parent[i] != i:
+            move += shift[i]
+            i = parent[i]
+        while parent[j] != j:
+            move -= shift[j]
+            j = parent[j]
+        if i != j:
+            parent[j], shift[j] = i, move
+    for start in range(count):
+        i, total = start, 0.0
+        while parent[i] != i:
+            total += shift[i]
+            i = parent[i]
+        parent[start], shift[start] = i, total
+    return parent, shift
 
 
 @numba.njit(**PART)
