@@ -155,18 +155,27 @@ class ChordRule:
         A perspective camera; None for an orthographic view.
     smooth
         The surface is smooth: correct steps by the normals before and after each edge.
+    cell
+        Pixels of the image along the side of a pixel of the rule. The last ones may be incomplete.
     """
 
     def __init__(
-        self, window: tuple[slice, slice], camera: CameraModel | None, *, smooth: bool = False
+        self,
+        window: tuple[slice, slice],
+        camera: CameraModel | None,
+        *,
+        smooth: bool = False,
+        cell: int = 1,
     ) -> None:
-        self._smooth = smooth
+        self._window, self._camera, self._smooth = window, camera, smooth
+        self.cell = cell
         # Pixels for a step of 1.
-        self.step_px = 1.0 if camera is None else camera.focal_px
+        self.step_px = 1.0 if camera is None else camera.focal_px / cell
         self._rays: Float64 | None = None
         if camera is not None:
-            y, x = np.mgrid[window]
-            self._rays = camera.rays(np.stack([x, y], axis=-1))
+            rows, columns = (slice(each.start, each.stop, cell) for each in window)
+            y, x = np.mgrid[rows, columns]
+            self._rays = camera.rays(np.stack([x, y], axis=-1) + (cell - 1) / 2)
 
     def edges(self, normals: Float32, mask: Bool) -> tuple[Float32, Float32, Float64, Float64]:
         """Return weights and steps of the edges to the right and down, in a border of one pixel."""
@@ -185,13 +194,8 @@ class ChordRule:
         extrapolate(normals, self._rays, edges, steps, self.step_px)
 
     def halved(self) -> ChordRule:
-        """Return the rule for pixels of twice the size, of which the last may be incomplete."""
-        rule = ChordRule((slice(0), slice(0)), None)
-        if self._rays is not None:
-            rays = np.pad(self._rays, [(0, n % 2) for n in self._rays.shape[:2]] + [(0, 0)], "edge")
-            rule._rays = (rays[::2, ::2] + rays[1::2, ::2] + rays[::2, 1::2] + rays[1::2, 1::2]) / 4
-            rule.step_px = self.step_px / 2
-        return rule
+        """Return the rule for pixels of twice the size."""
+        return ChordRule(self._window, self._camera, cell=2 * self.cell)
 
     @property
     def halving(self) -> float:

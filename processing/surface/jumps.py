@@ -10,7 +10,7 @@ by the chord rule, and both must trust it: its weight is that of the pixel that 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -37,7 +37,7 @@ _SETTLED_QUANTILE = 0.9
 _THRESHOLDS = (0.95, 0.9, 0.85, 0.8, 0.7, 0.6)
 # In a map with more pixels, pieces are searched in one of half the size.
 _LARGEST_SEARCH = 150_000
-# Normals of four pixels whose sum is shorter have no mean.
+# Normals of a square of pixels whose sum is shorter have no mean.
 _LEAST_SUM = 0.5
 # A jump is a step of at least this size in pixels, between pixels that trust each other less than
 # this. Of the depth jumps of more than 2 mm (5 px) in four captured objects, two thirds are found.
@@ -97,6 +97,21 @@ class Jumps:
     def count(self) -> int:
         """Number of pairs of neighbours between which the surface jumps."""
         return int(np.count_nonzero(self.right)) + int(np.count_nonzero(self.down))
+
+
+class CoarseSurface(NamedTuple):
+    """A surface in large pixels.
+
+    Parameters
+    ----------
+    u
+        ``(h, w)`` surface.
+    cell
+        Pixels of the image along the side of a pixel.
+    """
+
+    u: Float64
+    cell: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,25 +203,33 @@ class JumpProblem:
         # That the rounds end before the surface stands still is reported by the jumps.
         converged = found.relative_residual <= TOLERANCE
         solution = Solution(found.u, iterations, found.relative_residual, converged=converged)
-        problem = self.alternation
-        right, down = problem.edges[:2]
-        maps = _judged(problem.scale * found.u, (right, down), problem.trust(found.u))
-        moves = found.moved[problem.facing != 0]
+        moves = found.moved[self.alternation.facing != 0]
         within = np.abs(moves - np.median(moves)) if moves.size else np.zeros(1)
         last_change = float(np.quantile(within, _SETTLED_QUANTILE))
-        jumps = Jumps(*maps, found.rounds, last_change, settled=last_change < _SETTLED_PX)
+        jumps = Jumps(
+            *self.judged(found.u), found.rounds, last_change, settled=last_change < _SETTLED_PX
+        )
         return solution, jumps, found.weights
 
-    def found(self) -> tuple[Alternated, int]:
+    def found(self, coarse: CoarseSurface | None = None) -> tuple[Alternated, int]:
         """Return the surface after the last round, and the number of all iterations.
 
-        Pieces of a large map are found and placed in one of half the size.
+        Pieces of a large map are found and placed in one of half the size, unless a coarse surface
+        is given.
         """
-        if self.mask.size <= _LARGEST_SEARCH:
+        if coarse is not None and coarse.cell == self.chords.cell:
+            found = self.alternation.solved(after=np.pad(coarse.u, 1))
+            return found, found.iterations
+        if coarse is None and self.mask.size <= _LARGEST_SEARCH:
             return self._searched()
-        coarse, iterations = self._halved().found()
-        found = self.alternation.solved(after=self._refined(coarse.u))
+        half, iterations = self._halved().found(coarse)
+        found = self.alternation.solved(after=self._refined(half.u))
         return found, iterations + found.iterations
+
+    def judged(self, u: Float64) -> tuple[Bool, Bool, Float32, Int32]:
+        """Return the jumps to the right and down, the doubt and the pieces of a surface."""
+        problem = self.alternation
+        return _judged(problem.scale * u, problem.edges[:2], problem.trust(u))
 
     def _searched(self) -> tuple[Alternated, int]:
         """Compute surface and weights in turn, and place pieces.
@@ -243,14 +266,10 @@ class JumpProblem:
     def _halved(self) -> JumpProblem:
         """Return the problem of a map of half the size."""
         problem, chords = self.alternation, self.chords.halved()
-        normals = _sums_of_four(self.normals * self.mask[..., None])
-        lengths = np.linalg.norm(normals, axis=2)
-        mask: Bool = lengths > _LEAST_SUM
-        normals /= np.maximum(lengths, _LEAST_SUM)[..., None]
-        normals[~mask] = 0
+        normals, mask = mean_normals(self.normals * self.mask[..., None], 2)
         factors: Pair | None = None
         if problem.factors is not None:
-            right, down = (_sums_of_four(each[1:-1, 1:-1]) for each in problem.factors)
+            right, down = (_sums(each[1:-1, 1:-1]) for each in problem.factors)
             factors = np.pad(right / np.float32(4), 1), np.pad(down / np.float32(4), 1)
         # Pixels are larger, and so are steps of 1 / sqrt(k) of the smaller ones.
         half = JumpProblem.of(
@@ -260,10 +279,10 @@ class JumpProblem:
             raise AssertionError("a problem without a least share of suspects exists")
         if problem.held is None or problem.start is None:
             return half
-        weights = _sums_of_four(problem.held.weights[1:-1, 1:-1])
+        weights = _sums(problem.held.weights[1:-1, 1:-1])
         known = np.maximum(weights, np.finfo(np.float32).tiny)
         target, start = (
-            np.pad(_sums_of_four(values[1:-1, 1:-1]) / (count * self.chords.halving), 1)
+            np.pad(_sums(values[1:-1, 1:-1]) / (count * self.chords.halving), 1)
             for values, count in ((problem.held.load, known), (problem.start, 4))
         )
         held = replace(problem.held, weights=np.pad(weights, 1), target=target)
@@ -285,11 +304,29 @@ class JumpProblem:
         return u
 
 
-def _sums_of_four(values: AnyArray) -> AnyArray:
-    """Return the sums over squares of four pixels, of which the last may be incomplete."""
-    sizes = values.shape[:2]
-    even = np.pad(values, [(0, n % 2) for n in sizes] + [(0, 0)] * (values.ndim - 2))
-    sums: AnyArray = even[::2, ::2] + even[1::2, ::2] + even[::2, 1::2] + even[1::2, 1::2]
+def mean_normals(normals: Float32, cell: int) -> tuple[Float32, Bool]:
+    """Return the mean normals of squares of pixels, 0 where there is none, and where there is one.
+
+    Parameters
+    ----------
+    normals
+        ``(H, W, 3)`` float32, 0 where a normal is not known.
+    cell
+        Side of the squares. The last ones may be incomplete.
+    """
+    sums = _sums(normals, cell)
+    lengths = np.linalg.norm(sums, axis=2)
+    mask: Bool = lengths > _LEAST_SUM
+    means = np.where(mask[..., None], sums / np.maximum(lengths, _LEAST_SUM)[..., None], 0)
+    return means.astype(np.float32), mask
+
+
+def _sums(values: AnyArray, cell: int = 2) -> AnyArray:
+    """Return the sums over squares of pixels, of which the last may be incomplete."""
+    sides = [(0, -n % cell) for n in values.shape[:2]] + [(0, 0)] * (values.ndim - 2)
+    whole = np.pad(values, sides)
+    rows = sum(whole[k::cell] for k in range(1, cell)) + whole[::cell]
+    sums: AnyArray = sum(rows[:, k::cell] for k in range(1, cell)) + rows[:, ::cell]
     return sums
 
 

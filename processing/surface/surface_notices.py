@@ -28,7 +28,12 @@ def doubts_of_parts(
     """
     count = int(parts.max()) + 1
     held = 0 if known is None else len(np.unique(parts[known & (parts >= 0)]))
-    warnings = parts_notices(count, isolated, held)
+    return [*parts_notices(count, isolated, held), *doubts_of_jumps(jumps, parts, known)]
+
+
+def doubts_of_jumps(jumps: Jumps | None, parts: Int32, known: Bool | None = None) -> list[Notice]:
+    """Return notices about heights across jumps; parameters as for `doubts_of_parts`."""
+    warnings = []
     guessed, share = (0, 0.0) if jumps is None else _guessed(jumps.pieces, parts, known)
     if guessed:
         which = "1 piece hangs" if guessed == 1 else f"{guessed} pieces hang"

@@ -214,6 +214,8 @@ def integrated(
                     pixel_mm=inputs.pixel_mm,
                     depth_mm=inputs.depth_mm,
                     sigma_deg=sigma if inputs.weighted else None,
+                    discontinuity=options.jumps(),
+                    k=options.sharpness(),
                     replace=force,
                     on_progress=progress,
                 )

@@ -14,12 +14,17 @@ import numpy as np
 from acquisition import write_durably
 from acquisition.files import BandFile, DamagedMapsError
 from processing.surface.blocks.plan import plan_blocks
-from rig.arrays import AnyArray, Float32
+from rig.arrays import AnyArray, Float32, Float64
 
 Record = dict[str, AnyArray]
 
 _WHOLE, _HEAD = slice(None), 4
-_KINDS: dict[str, np.dtype[Any]] = {"solution": np.dtype(np.float64), "labels": np.dtype(np.int32)}
+_KINDS: dict[str, np.dtype[Any]] = {
+    "solution": np.dtype(np.float64),
+    "labels": np.dtype(np.int32),
+    "flags": np.dtype(np.uint8),
+    "doubt": np.dtype(np.float32),
+}
 
 
 class BlockFiles:
@@ -56,6 +61,8 @@ class BlockFiles:
         self.blocks = plan_blocks(size[0], int(plan["rows"]))
         form = (size[0], 2, size[1]), np.dtype(np.float32)
         self.weights = BandFile(folder / "weights.raw", *form)
+        # Steps of a surface that jumps.
+        self._steps: BandFile | None = None
 
     def record(self, name: str) -> Record | None:
         """Return the record of a step; None if it is not done."""
@@ -121,10 +128,36 @@ class BlockFiles:
         self.weights.sync()
         self._fresh[f"weights-{number}"] = _checksum(weights)
 
+    def write_steps(self, number: int, steps: Float64) -> None:
+        """Write the steps ``(h, 2, W)`` of the core of a block of a surface that jumps."""
+        self._open_steps()[self.blocks.blocks[number].core] = steps
+        self._open_steps().sync()
+        self._fresh[f"steps-{number}"] = _checksum(steps)
+
+    def edges_of_jumps(self, rows: slice) -> tuple[Float32, Float32, Float64, Float64]:
+        """Return weights and steps of the edges of rows, in a border of one pixel."""
+        for number, block in enumerate(self.blocks.blocks):
+            if block.core.start < rows.stop and rows.start < block.core.stop:
+                self.core_weights(number)
+                steps = self._open_steps()
+                self._check(steps.path, f"steps-{number}", steps[block.core])
+        right, down = (np.pad(self.weights[rows][:, axis], 1) for axis in (0, 1))
+        to_right, to_down = (np.pad(self._open_steps()[rows][:, axis], 1) for axis in (0, 1))
+        return right, down, to_right, to_down
+
     def close_weights(self) -> None:
-        """Remove the weights, after the last round."""
+        """Remove weights and steps, after the last round."""
         self.weights.close()
         self.remove("weights")
+        if self._steps is not None:
+            self._steps.close()
+            self.remove("steps")
+
+    def _open_steps(self) -> BandFile:
+        if self._steps is None:
+            form = self.weights.shape, np.dtype(np.float64)
+            self._steps = BandFile(self._folder / "steps.raw", *form)
+        return self._steps
 
     def remove(self, name: str) -> None:
         """Remove a map, if it is there."""
@@ -144,7 +177,8 @@ class BlockFiles:
 
 def remove_steps(folder: Path) -> None:
     """Remove the files of all steps."""
-    for pattern in ("step-*.npz", "solution-*.raw", "labels-*.raw", "weights.raw"):
+    maps = (f"{kind}-*.raw" for kind in _KINDS)
+    for pattern in ("step-*.npz", "weights.raw", "steps.raw", *maps):
         for path in folder.glob(pattern):
             path.unlink()
 

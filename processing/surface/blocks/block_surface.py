@@ -16,8 +16,9 @@ from processing.surface.consistency import angle_between_deg, consistency_warnin
 from processing.surface.edge_certainty import variances
 from processing.surface.height_map import BlockFigures, HeightMap
 from processing.surface.integrability_test import integrability
+from processing.surface.jumps import SHARPNESS
 from processing.surface.scale import Scale, check_depth_range, check_view, nothing_faces, scale_of
-from processing.surface.surface_notices import doubts_of_solution, parts_notices
+from processing.surface.surface_notices import doubts_of_jumps, doubts_of_solution, parts_notices
 from rig import Notice, Progress, no_progress
 from rig.arrays import Bool, Float64, Int32
 
@@ -34,6 +35,8 @@ def integrate_in_blocks(
     pixel_mm: float | None = None,
     depth_mm: MapRows | None = None,
     sigma_deg: MapRows | None = None,
+    discontinuity: bool | None = None,
+    k: float = SHARPNESS,
     replace: bool = False,
     on_progress: Progress = no_progress,
 ) -> HeightMap:
@@ -61,6 +64,9 @@ def integrate_in_blocks(
         ``(H, W)`` approximate depth, as for `integrate`.
     sigma_deg
         ``(H, W)`` float32 standard deviations of the normals, as for `integrate`.
+    discontinuity, k
+        As for `integrate`. Pieces between jumps are searched in the complete map in pixels of
+        2 x 2 to 8 x 8 pixels, and jumps in the blocks from there.
     replace
         Begin again if a step was changed, which is otherwise refused.
     on_progress
@@ -101,7 +107,7 @@ def integrate_in_blocks(
     check_view(mask, camera, pixel_mm, depth_mm)
     relative, _ = variances(sigma_deg, mask, most=_SAMPLE)
     shape = integrability(normals, mask)
-    problem = normals, relative, camera, store, rows, on_progress
+    problem = normals, relative, camera, store, rows, discontinuity, k, on_progress
     try:
         solved = solve_in_blocks(*problem)
     except DamagedMapsError:
@@ -118,6 +124,7 @@ def integrate_in_blocks(
     error = solved.rounds.error * (scale.distance or scale.pixel_size)
     notices = [
         *parts_notices(len(solved.means), int(np.count_nonzero(mask)) - pixels),
+        *([] if solved.jumps is None else doubts_of_jumps(solved.jumps, solved.parts[:])),
         *doubts_of_solution(solved.worst),
         *consistency_warning(angle_deg, shape),
     ]
@@ -139,6 +146,7 @@ def integrate_in_blocks(
         warnings=tuple(notices),
         disagreement_deg=angle_deg,
         curl=shape.curl,
+        jumps=solved.jumps,
         blocks=BlockFigures(len(solved.blocks.blocks), solved.rounds.number, error),
     )
 

@@ -14,6 +14,7 @@ from processing.surface.consistency import some_steps
 from processing.surface.edge_certainty import certainties
 from processing.surface.grid_graph import divergence, label_parts
 from processing.surface.multigrid import solve
+from rig.arrays import Float32, Float64
 
 # Steps that show whether the surface has the slopes of the normals, in each direction.
 _STEPS = 20_000
@@ -26,6 +27,7 @@ def solve_freely(
     files: BlockFiles,
     number: int,
     before: int,
+    jumps: bool,
 ) -> Record:
     """Solve one block, write its solution, its parts and its weights, and return their record.
 
@@ -43,28 +45,18 @@ def solve_freely(
         Number of the block.
     before
         Number of parts of the blocks above.
+    jumps
+        Whether the files have the edges of a surface that jumps.
     """
     height, width = normals.shape[:2]
     block, shared = files.blocks.blocks[number], 2 * files.blocks.halo
-    rows = block.rows
-    # A step depends on the normals before and after its edge, too.
-    wide = slice(max(rows.start - 1, 0), min(rows.stop + 1, height))
-    vectors = np.ascontiguousarray(normals[wide], np.float32)
-    inside = np.asarray(vectors.any(axis=2), np.bool_)
-    edges = ChordRule((wide, slice(0, width)), camera, smooth=True).edges(vectors, inside)
-    del vectors, inside
-    kept = slice(rows.start - wide.start, rows.stop - wide.start + 2)
-    right, down = np.ascontiguousarray(edges[0][kept]), np.ascontiguousarray(edges[1][kept])
-    step_right, step_down = edges[2][kept], edges[3][kept]
+    if jumps:
+        edges = files.edges_of_jumps(block.rows)
+    else:
+        edges = _smooth_edges(normals, relative, camera, block.rows)
+    right, down, step_right, step_down = edges
     del edges
-    # Pixels of the margin become the border without edges.
-    right[[0, -1]] = down[[0, -1]] = 0
     leaving = down[-2].copy()
-    if relative is not None:
-        factors = certainties(relative[slice(rows.start, min(rows.stop + 1, height))])
-        right *= factors[0][: len(right)]
-        down *= factors[1][: len(down)]
-        leaving *= factors[1][len(down) - 2]
     down[-2] = 0
     labels, count = label_parts(right, down)
     first = block.inner.start + 1
@@ -79,7 +71,8 @@ def solve_freely(
         solution.u[1:-1, 1:-1],
         np.where(labels >= 0, labels + np.int32(before), np.int32(-1))[1:-1, 1:-1],
     )
-    files.write_weights(number, np.stack([right[core], down[core]], axis=1))
+    if not jumps:
+        files.write_weights(number, np.stack([right[core], down[core]], axis=1))
     files.write(f"solution-{number}-0", own.u)
     files.write(f"labels-{number}", own.labels)
     meeting = NO_MEETING
@@ -97,3 +90,24 @@ def solve_freely(
         **meeting._asdict(),
         **steps._asdict(),
     )
+
+
+def _smooth_edges(
+    normals: MapRows, relative: MapRows | None, camera: CameraModel | None, rows: slice
+) -> tuple[Float32, Float32, Float64, Float64]:
+    """Return weights and steps of the edges of rows, in a border without edges of these rows."""
+    height, width = normals.shape[:2]
+    # A step depends on the normals before and after its edge, too.
+    wide = slice(max(rows.start - 1, 0), min(rows.stop + 1, height))
+    vectors = np.ascontiguousarray(normals[wide], np.float32)
+    inside = np.asarray(vectors.any(axis=2), np.bool_)
+    edges = ChordRule((wide, slice(0, width)), camera, smooth=True).edges(vectors, inside)
+    kept = slice(rows.start - wide.start, rows.stop - wide.start + 2)
+    right, down = np.ascontiguousarray(edges[0][kept]), np.ascontiguousarray(edges[1][kept])
+    # Pixels of the margin become the border without edges.
+    right[[0, -1]] = down[[0, -1]] = 0
+    if relative is not None:
+        factors = certainties(relative[slice(rows.start, min(rows.stop + 1, height))])
+        right *= factors[0][: len(right)]
+        down *= factors[1][: len(down)]
+    return right, down, edges[2][kept], edges[3][kept]

@@ -10,6 +10,7 @@ import numpy as np
 from acquisition import CameraModel, MapRows
 from acquisition.files import BandStore
 from processing.surface.blocks.block_files import BlockFiles, Record
+from processing.surface.blocks.block_jumps import CoarseJumps, coarse_jumps, find_jumps
 from processing.surface.blocks.block_solutions import OwnSolutions
 from processing.surface.blocks.coarse import CoarseGrid
 from processing.surface.blocks.corrections import Rounds, bring_together
@@ -17,6 +18,7 @@ from processing.surface.blocks.free_solution import solve_freely
 from processing.surface.blocks.kernels import number_parts
 from processing.surface.blocks.local_parts import LocalParts, Meeting
 from processing.surface.blocks.plan import Blocks
+from processing.surface.jumps import Jumps
 from processing.surface.multigrid import Solution
 from rig import Progress
 from rig.arrays import Bool, Float64, Int32, Int64
@@ -41,6 +43,8 @@ class BlockSolution(NamedTuple):
         How they were brought together; errors are those of the solution.
     worst
         What the solver reports about the block with the largest residual.
+    jumps
+        Where it jumps; None if it is smooth.
     """
 
     u: MapRows
@@ -52,6 +56,7 @@ class BlockSolution(NamedTuple):
     blocks: Blocks
     rounds: Rounds
     worst: Solution
+    jumps: Jumps | None
 
     def part_means(self, values: Callable[[slice, Bool, Int32], Float64]) -> Float64:
         """Return the mean over each part.
@@ -78,6 +83,8 @@ def solve_in_blocks(
     camera: CameraModel | None,
     store: BandStore,
     rows: int,
+    discontinuity: bool | None,
+    k: float,
     on_progress: Progress,
 ) -> BlockSolution:
     """Solve the surface of normals.
@@ -95,6 +102,8 @@ def solve_in_blocks(
         repeated.
     rows
         Most rows of a block.
+    discontinuity, k
+        As for `integrate`.
     on_progress
         Receives the stages ``integrating`` and ``joining blocks``.
     """
@@ -104,10 +113,14 @@ def solve_in_blocks(
     count, total = 0, len(blocks.blocks)
     frees: list[Record] = []
     on_progress("integrating", 0, total)
+    coarse = coarse_jumps(normals, camera, files, discontinuity, k)
+    if coarse is not None:
+        for number in range(total):
+            find_jumps(coarse, normals, relative, camera, files, number)
     for number in range(total):
         free = files.record(f"free-{number}")
         if free is None:
-            free = solve_freely(normals, relative, camera, files, number, count)
+            free = solve_freely(normals, relative, camera, files, number, count, coarse is not None)
         count += int(free["count"])
         frees.append(free)
         on_progress("integrating", number + 1, total)
@@ -126,6 +139,7 @@ def solve_in_blocks(
         number_parts(core.u, core.labels, part_of, numbers, sums, sizes)
         u[block.core], parts[block.core] = core.u, core.labels
         found.append(core.u.ravel()[free["there"]] - core.u.ravel()[free["here"]])
+    jumps = None if coarse is None else _jumps(files, coarse, parts, height, width)
     worst = max(frees, key=lambda free: float(free["relative_residual"]))
     return BlockSolution(
         u,
@@ -142,7 +156,21 @@ def solve_in_blocks(
             float(worst["relative_residual"]),
             converged=bool(worst["converged"]),
         ),
+        jumps,
     )
+
+
+def _jumps(
+    files: BlockFiles, coarse: CoarseJumps, parts: MapRows, height: int, width: int
+) -> Jumps:
+    """Return the jumps in all blocks."""
+    flags = np.zeros((height, width), np.uint8)
+    doubt = np.zeros((height, width), np.float32)
+    for number, block in enumerate(files.blocks.blocks):
+        flags[block.core] = files.read(f"flags-{number}", block.inner)
+        doubt[block.core] = files.read(f"doubt-{number}", block.inner)
+    pieces = coarse.pieces_of(~np.isnan(doubt))
+    return Jumps((flags & 1) > 0, (flags & 2) > 0, doubt, pieces, coarse.rounds, 0, settled=True)
 
 
 def _rounds(
