@@ -33,6 +33,8 @@ def _possible(row: _Row) -> bool:
         return False
     if hypothesis.name == _CURVE:
         return bool(0 < 1 + fitted.size[0] < limits.LARGEST_POWER)
+    if hypothesis.name == "ambient-light-changes":
+        return bool(fitted.size.mean() > 0)
     return hypothesis.name != "ambient-light" or bool(fitted.size[0] > 0)
 
 
@@ -150,7 +152,7 @@ class Contest:
         special = [
             row
             for row in enough.values()
-            if row[0].general == best[0].name
+            if best[0].name in row[0].general
             and row[1].evidence > limits.SPECIAL * best[1].evidence
         ]
         if special:
@@ -159,7 +161,7 @@ class Contest:
             row
             for name, row in enough.items()
             if row[1].evidence > limits.TIED * best[1].evidence
-            and name not in (best[0].name, best[0].general)
+            and name not in (best[0].name, *best[0].general)
         ]
         return [best, *tied]
 
@@ -200,13 +202,15 @@ class Contest:
         self, hypothesis: Hypothesis, fitted: Fitted
     ) -> tuple[float, float, dict[str, float | None]]:
         """Return size and standard deviation in units of the columns, and images that stand out."""
-        if hypothesis.general or hypothesis.name not in ("light-brightness", "image-shifted"):
+        if hypothesis.name not in ("light-brightness", "image-shifted"):
             if hypothesis.name == "lights-not-distant":
                 # The distance follows from its reciprocal.
                 size = float(np.ptp(self._model.points[:, :2], axis=0).max())
                 share = fitted.sigma[0] / max(abs(float(fitted.size[0])), 1e-9)
                 away = size / max(abs(float(fitted.size[0])), 1e-9)
                 return away, float(away * share), {}
+            if hypothesis.name == "ambient-light-changes":
+                return float(np.std(fitted.size)), float(np.median(fitted.sigma)), {}
             if hypothesis.name == "ambient-light":
                 return float(fitted.size[0]), float(fitted.sigma[0]), {}
             size = float(np.linalg.norm(fitted.size)) if len(fitted.size) > 1 else fitted.size[0]

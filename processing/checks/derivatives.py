@@ -16,7 +16,7 @@ LOBES = (2, 8, 32, 128, 512)
 # Names of the columns that say that the surface is not matte.
 REFLECTANCE = (*(f"lobe {n}" for n in LOBES), "rough", "slope", "grazing", "retro")
 # Columns of each image.
-OF_IMAGES = ("gain", "right", "down")
+OF_IMAGES = ("gain", "room", "right", "down")
 _STEP = 1e-3
 _UP = np.array([0.0, 0.0, 1.0])
 
@@ -114,7 +114,8 @@ def columns_of(
         k = np.arange(count)
         start = column["gain 0"]
         found[:, k, start + k] = predicted * lit
-        for i, slope in enumerate(slopes, start=1):
+        found[:, k, start + count + k] = found[:, :, column["ambient"]]
+        for i, slope in enumerate(slopes, start=2):
             found[:, k, start + i * count + k] = -_times(vectors, slope[blocks]) * lit
         return found
 
