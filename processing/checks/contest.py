@@ -236,10 +236,8 @@ class Contest:
             return float("nan")
         model = self._model
         some = sparse_blocks(model)
-        parts = np.array_split(some, 1 + len(some) // 500)
-        change = np.concatenate([self._columns.of(part) @ fitted.alone for part in parts])
         block_mm = self._pixel_mm * self._size
-        samples = model.samples[some] - change
+        samples = model.samples[some] - self._columns.change(some, fitted.alone)
         return height_effect_mm(model, samples, self._lights, self._rays, block_mm)
 
     def _limits(
