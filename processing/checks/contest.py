@@ -15,12 +15,11 @@ from processing.checks.derivatives import Columns
 from processing.checks.evidence import Fitted, NormalEquations
 from processing.checks.height_effect import height_effect_mm, sparse_blocks
 from processing.checks.verdict import Cause
-from rig import pluralize
+from rig import listed
 from rig.arrays import Float64, Intp
 
 _MOST_CAUSES = 3
 _CURVE = "transfer-curve-doubtful"
-_LISTED = 6
 
 
 _Row = tuple[Hypothesis, Fitted]
@@ -177,12 +176,10 @@ class Contest:
             size += 1
         text = kind.text.format(size=f"{size:.2g} +- {sigma:.1g} {unit}".rstrip())
         if out:
-            listed = [
+            text += ": " + listed(
                 name if gain is None else f"{name} ({gain:.2f} times as bright)"
-                for name, gain in list(out.items())[:_LISTED]
-            ]
-            more = f" and {pluralize(len(out) - _LISTED, 'other')}" if len(out) > _LISTED else ""
-            text += f": {', '.join(listed)}{more}"
+                for name, gain in out.items()
+            )
         degrees = self._equations.effect_deg(fitted.alone)
         return Cause(
             hypothesis.name,

@@ -29,6 +29,7 @@ from processing.images.viewing_rays import View
 from processing.maps.normal_map import NormalMap
 from processing.stereo.normals_and_albedo import photometric_stereo
 from processing.surface.integrability_test import Integrability, integrability
+from rig import listed
 from rig.arrays import Float64, Intp
 
 _BLOCKS = 1500
@@ -36,7 +37,6 @@ _FEWEST_BLOCKS, _FEWEST_LIGHTS, _FEWEST_IMAGES = 100, 5, 4
 # Blocks with less albedo, relative to the bright parts, show nothing.
 _DARK = 1e-4
 _CURVE = "transfer-curve-doubtful"
-_LISTED = 6
 
 
 class Recorded(NamedTuple):
@@ -292,11 +292,10 @@ def _of_images(found: Iterable[ImageFault], recorded: Recorded) -> Iterable[Caus
         if not faults:
             continue
         texts = [f"{ids[fault.image]} {fault.text.format(*ids)}" for fault in faults]
-        more = f" and {len(texts) - _LISTED} more" if len(texts) > _LISTED else ""
         out = [fault.image for fault in faults]
         yield Cause(
             name,
-            f"{noun}: {', '.join(texts[:_LISTED])}{more}",
+            f"{noun}: {listed(texts)}",
             size=float(len(faults)),
             unit="images",
             sigma=0.0,
