@@ -18,7 +18,7 @@ BUDGET = {
     "rig": (3702, 44, 58),
     "acquisition": (15172, 63, 151),
     "calibration": (10157, 30, 86),
-    "processing": (20850, 61, 193),
+    "processing": (20910, 61, 193),
     "simulator": (7323, 28, 65),
     "sgp": (14350, 0, 143),
 }
