@@ -7,9 +7,11 @@ import math
 import numba
 import numpy as np
 
+from processing.stereo.cauchy import FEW_SAMPLES
 from processing.stereo.pixel_algebra import ANY_ORDER, IN_PLACE, ranked
 from rig.arrays import Float32, Float64
 
+# Compiled in: processing/stereo/cauchy.py 7e977476d3b5
 # Compiled in: processing/stereo/pixel_algebra.py c45e51bec347
 
 # The family, from coarse to fine: the lobe (h . n)^2, GGX lobes by their width, and no lobe.
@@ -27,7 +29,7 @@ _STEPS = 3
 _FIRST_STEPS = 4
 # Samples up to this multiple of the spread of the given solution show the first member.
 _CUT = 4.0
-# Scale of the weights of Cauchy, as a multiple of the median of the deviations.
+# Scale of the weights of Cauchy, as a multiple of the median deviation of many samples.
 _CAUCHY = 2.0
 # The spread of samples without noise, relative to the albedo.
 _LEAST_SPREAD = 1e-4
@@ -225,6 +227,7 @@ def reflectance_fit(
         shading = max(usable[1, k] * m0 + usable[2, k] * m1 + usable[3, k] * m2, 0.0)
         weight[k] = one if abs(v[k] - shading) <= limit else zero
     middle, guess = count // 2, max(spread, least)
+    scale = np.float32(_CAUCHY * (1.0 + FEW_SAMPLES / max(count - 3, 1)))
     sum0 = sum1 = sum2 = c0 = 0.0
     first = 0 if count >= _FEWEST else len(_FAMILY) - 1
     for member in range(first, len(_FAMILY)):
@@ -249,7 +252,7 @@ def reflectance_fit(
                 model,
             )  # fmt: skip
             guess = ranked(residual, count, middle, max(guess, np.float32(1e-5)))
-            per = one / (np.float32(_CAUCHY) * (guess + least))
+            per = one / (scale * (guess + least))
             for k in range(count):
                 ratio = residual[k] * per
                 weight[k] = one / (one + ratio * ratio)
@@ -279,15 +282,16 @@ def reflectance_fit(
     length = math.sqrt(sum0 * sum0 + sum1 * sum1 + sum2 * sum2)
     n0, n1, n2 = sum0 / length, sum1 / length, sum2 / length
     # The last member is matte: samples above it are gloss.
-    per = one / (np.float32(_CAUCHY) * (guess + least))
-    along = across = 0.0
-    for k in range(count):
-        shading = max(usable[1, k] * n0 + usable[2, k] * n1 + usable[3, k] * n2, 0.0)
-        ratio = (v[k] - c0 * shading) * per
-        of_sample = shading / (1.0 + ratio * ratio)
-        along += of_sample * v[k]
-        across += of_sample * shading
-    albedo = along / across
+    albedo, per = c0, one / (guess + least)
+    for _ in range(_STEPS):
+        along = across = 0.0
+        for k in range(count):
+            shading = max(usable[1, k] * n0 + usable[2, k] * n1 + usable[3, k] * n2, 0.0)
+            ratio = (v[k] - albedo * shading) * per
+            of_sample = shading / (1.0 + ratio * ratio)
+            along += of_sample * v[k]
+            across += of_sample * shading
+        albedo = along / across
     if not (albedo > 0 and math.isfinite(n0 + n1 + n2 + albedo)):
         return m0, m1, m2
     return n0 * albedo, n1 * albedo, n2 * albedo
