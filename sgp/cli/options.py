@@ -293,7 +293,7 @@ class SourceOptions(RemedyOptions):
     ----------
     method
         ls (plain least squares), trimmed (without the darkest and brightest fifth of the samples),
-        cauchy (gives shadows and highlights a low weight), or best (also fits the reflectance; the
+        cauchy (gives shadows and highlights a low weight), or best (also fits reflectances; the
         most accurate, but takes about three times as long as cauchy on glossy surfaces).
     channel
         gray, rgb (one solution per channel, averaged), joint (one normal and one albedo per channel
