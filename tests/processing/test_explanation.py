@@ -90,6 +90,12 @@ def _(r: Recording) -> None:
     r.images = r.images + 0.1 * r.albedo * (1 + r.normals[..., 2]) / 2
 
 
+@change("ambient-light-changes")
+def _(r: Recording) -> None:
+    shares = np.random.default_rng(6).uniform(0, 0.1, len(r.images))[:, None, None]
+    r.images = r.images + shares * r.albedo * (1 + r.normals[..., 2]) / 2
+
+
 @change("transfer-curve-doubtful")
 def _(r: Recording) -> None:
     r.images = np.clip(r.images, 0, 1) ** 0.6
