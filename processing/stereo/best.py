@@ -23,9 +23,9 @@ from processing.stereo.pixel_algebra import (
 from processing.stereo.reflectance_fit import reflectance_fit
 from rig.arrays import Float32, Float64, Int64
 
-# Compiled in: processing/stereo/cauchy.py 7e977476d3b5
-# Compiled in: processing/stereo/pixel_algebra.py c45e51bec347
-# Compiled in: processing/stereo/reflectance_fit.py 8f2ff880b2c2
+# Compiled in: processing/stereo/cauchy.py 2f91469b6547
+# Compiled in: processing/stereo/pixel_algebra.py 59b512c7e227
+# Compiled in: processing/stereo/reflectance_fit.py 911ede79d414
 
 # Candidates per pixel, and the number of triples that are drawn to find as many.
 _CANDIDATES = 20
