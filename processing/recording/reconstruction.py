@@ -25,7 +25,7 @@ from processing.noise.normal_errors import (
     in_degrees,
     valid_reasons,
 )
-from processing.noise.pixel_variances import ALIKE, Origin
+from processing.noise.pixel_variances import ALIKE, UNIFORM, Origin
 from processing.noise.sample_kind import SampleKind
 from processing.series.ambient_light import AmbientLight
 from processing.series.light_distance import LightDistance
@@ -222,7 +222,7 @@ def finished_maps(
 
     def beyond_noise(rows: slice) -> Float32:
         rest = store["sigma"][rows] - store["noise"][rows] - store["common_sigma"][rows]
-        return np.asarray(np.maximum(rest, 0), np.float32)
+        return np.asarray(np.clip(rest, 0, UNIFORM), np.float32)
 
     typical = mean_of(beyond_noise, valid) if common > 0 else np.float32(0)
 
