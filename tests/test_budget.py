@@ -18,7 +18,7 @@ BUDGET = {
     "rig": (3707, 45, 58),
     "acquisition": (15173, 63, 151),
     "calibration": (10151, 30, 86),
-    "processing": (21104, 61, 194),
+    "processing": (21115, 61, 194),
     "simulator": (7323, 28, 65),
     "sgp": (14354, 0, 143),
 }
