@@ -215,10 +215,10 @@ class NormalsStage:
             distant=self.distant,
             light_distance_mm=self.light_distance_mm,
         )
-        if geometry.lights.near and self.light_distance_mm is not None:
-            source = replace(source, lights=geometry.lights)
         if self.channel == "auto":
             return self._run_chosen(source, geometry, files, on_progress)
+        if geometry.lights.near and self.light_distance_mm is not None:
+            source = replace(source, lights=geometry.lights)
         if files is not None and not files.replace:
             check_unfinished(files.path, files.identity)
         with ExitStack() as opened:
