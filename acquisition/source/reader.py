@@ -190,7 +190,7 @@ def _with_matched_lights(source: Source, lights: Lights | None, without: Sequenc
             f"({lights.ids[indices[0]]} to {ids[0]} and so on)"
         )
         warnings += (Notice("lights-matched-by-order", text, str(source.path)),)
-    elif len(indices) < len(lights) and not without:
+    elif len(indices) < len(lights) and not without and source.kind != "session":
         unused = [name for i, name in enumerate(lights.ids) if i not in indices]
         text = f"no image is named after {listed(unused, _NAMED)}: these lights are not used"
         warnings += (Notice("lights-without-image", text, str(source.path), "info"),)

@@ -15,7 +15,7 @@ from rig.arrays import Float64
 # logarithms, blocks, radians, shares of the distance of the lights, reciprocal sizes of the object.
 _AMBIENT, _SIDEWAYS, _OFFSET, _CURVE, _GAIN = 0.2, 0.03, 0.1, 0.35, 0.1
 _SHIFT, _TREND, _TURN, _PLACE, _NEAR = 2.0, 0.15, 0.1, 0.1, 1.0
-_REFLECTANCE, _HEIGHT_MM = 1.0, 50.0
+_REFLECTANCE, _HEIGHT_MM, _TONE = 1.0, 50.0, 0.1
 # Hypotheses with parameters of each image, of which others are special cases.
 _STRENGTHS, _SHIFTED = ("light-brightness",), ("image-shifted",)
 
@@ -74,6 +74,13 @@ KINDS = {
         "",
         1,
         "state the transfer curve",
+    ),
+    "tone-curve": Kind(
+        "a tone curve",
+        "a tone curve changes dark and bright samples by up to {size} of white, in opposite ways",
+        "%",
+        100,
+        "use raw images, or images without a picture style",
     ),
     "light-brightness": Kind(
         "wrong strengths of the lights",
@@ -235,6 +242,8 @@ def hypotheses_of(columns: Columns, unit: Float64) -> list[Hypothesis]:
     add(changing, room, _AMBIENT)
     add("black-level", select("offset"), _OFFSET, of=_STRENGTHS)
     add("transfer-curve-doubtful", select("curve"), _CURVE, of=_STRENGTHS)
+    if "tone" in columns.names:
+        add("tone-curve", select("tone"), _TONE, of=_STRENGTHS)
     add("light-brightness", gains, _GAIN)
     add("brightness-gradient", gains @ unit[:, :2], _TREND, of=_STRENGTHS)
     add("lights-fading", (gains @ time)[:, None], _TREND, of=_STRENGTHS)

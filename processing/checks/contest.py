@@ -20,6 +20,7 @@ from rig.arrays import Float64, Intp
 
 _MOST_CAUSES = 3
 _CURVE = "transfer-curve-doubtful"
+_CURVES = (_CURVE, "tone-curve")
 
 
 _Row = tuple[Hypothesis, Fitted]
@@ -122,7 +123,7 @@ class Contest:
                 break
             causes.append(self._cause(*found))
             best, _ = found[0]
-            if best.name == _CURVE:
+            if best.name in _CURVES:
                 break  # sizes of others are those of a wrong curve
             equations = equations.with_nuisances(best.basis, best.widths)
         tried = tuple(dict.fromkeys(one.name for one in self._hypotheses))

@@ -74,6 +74,7 @@ def columns_of(
     strengths: Float64,
     rays: Float64 | None,
     slopes: tuple[Float64, Float64],
+    toned: Callable[[Float64], Float64] | None,
 ) -> Columns:
     """Return the columns of a model.
 
@@ -89,9 +90,14 @@ def columns_of(
         ``(P, 3)`` change of the surface points per mm of height; None under distant lights.
     slopes
         Changes of the scaled normals, see `slopes_of`.
+    toned
+        Returns the derivative of samples ``(B, N)`` by the depth of a tone curve; None if the
+        transfer curve is known.
     """
     moved = _moved_lights(model, lights, rays)
     names = ("ambient", "ambient right", "ambient up", "offset", "curve", *moved, *REFLECTANCE)
+    if toned is not None:
+        names += ("tone",)
     count = model.samples.shape[1]
     column = {name: i for i, name in enumerate(names)}
 
@@ -113,6 +119,8 @@ def columns_of(
         put("offset", (1 / strengths)[None])
         positive = np.where(lit, np.maximum(predicted, 1e-3), 1.0)
         put("curve", positive * np.log(positive * strengths) * lit)
+        if toned is not None:
+            put("tone", toned(predicted) * lit)
         for name, change in moved.items():
             put(name, _times(change(blocks) - vectors, scaled) * ~attached / _STEP)
         for name, values in reflectance_of(model, blocks).items():

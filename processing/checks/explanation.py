@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -36,6 +36,7 @@ _BLOCKS = 1500
 _FEWEST_BLOCKS, _FEWEST_LIGHTS, _FEWEST_IMAGES = 100, 5, 4
 # Blocks with less albedo, relative to the bright parts, show nothing.
 _DARK = 1e-4
+_STEP = 1e-3
 _CURVE = "transfer-curve-doubtful"
 
 
@@ -192,10 +193,25 @@ def _contest(
         return None
     rays = None if recorded.view is None else recorded.view.rise(blocks.points)
     relative = recorded.strengths / np.exp(np.log(recorded.strengths).mean())
-    columns = columns_of(model, recorded.lights, relative, rays, slopes)
+    columns = columns_of(model, recorded.lights, relative, rays, slopes, _toned(recorded, blocks))
     size, pixel_mm = blocks.size, recorded.pixel_mm
     contest = Contest(model, columns, usable, recorded.lights, size, pixel_mm, rays)
     return contest.decide(with_limits=with_limits)
+
+
+def _toned(recorded: Recorded, blocks: Blocks) -> Callable[[Float64], Float64] | None:
+    """Return the derivative of samples by the depth of an S-shaped tone curve of stored values."""
+    curve = recorded.transfer
+    if curve is None:
+        return None
+    signal = blocks.scale * recorded.strengths
+
+    def change(radiance: Float64) -> Float64:
+        stored = curve.samples(radiance * signal)
+        toned = curve.light(stored - _STEP * np.sin(2 * np.pi * stored))
+        return np.asarray((toned / signal - radiance) / _STEP)
+
+    return change
 
 
 def _usable(model: BlockModel, slopes: tuple[Float64, Float64]) -> Intp:
