@@ -141,10 +141,10 @@ def explain(recorded: Recorded, model: BlockModel, shown: ShownLights) -> Explan
         arranged = _arranged(other, _angle_deg(model, recorded.blocks.fit(other.lights)))
     elif shown.contradict:
         arranged = _unknown_order(shown)
-    elif lights.near:  # wrong axes would leave a residual, which lights far away do not
-        arranged = None
     else:
-        arranged = _other_axes(model, recorded.shape) or inward(rim)
+        # Under near lights, wrong axes leave a residual.
+        axes = None if lights.near else _other_axes(model, recorded.shape)
+        arranged = axes or inward(rim)
     if arranged is not None:
         # Sizes of others would be those of a wrong arrangement or curve.
         return Explanation((arranged,), (arranged.name,), unexplained=0.0)
