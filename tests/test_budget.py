@@ -15,7 +15,7 @@ PACKAGES = ("rig", "acquisition", "calibration", "processing", "simulator", "sgp
 # At most, for each package: code lines (without docstrings, comments and blanks), names at the
 # top, modules.
 BUDGET = {
-    "rig": (3707, 45, 58),
+    "rig": (3708, 45, 58),
     "acquisition": (15173, 63, 151),
     "calibration": (10151, 30, 86),
     "processing": (21137, 61, 194),

@@ -77,7 +77,8 @@ def listed(names: Iterable[str], most: int = 6, separator: str = ", ") -> str:
     'L01, L02 and 2 more'
     """
     every = list(names)
-    more = f" and {len(every) - most} more" if len(every) > most else ""
+    before = " " if separator == ", " else separator
+    more = f"{before}and {len(every) - most} more" if len(every) > most else ""
     return f"{separator.join(every[:most])}{more}"
 
 
