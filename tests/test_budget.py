@@ -15,14 +15,14 @@ PACKAGES = ("rig", "acquisition", "calibration", "processing", "simulator", "sgp
 # At most, for each package: code lines (without docstrings, comments and blanks), names at the
 # top, modules.
 BUDGET = {
-    "rig": (3702, 44, 58),
-    "acquisition": (15172, 63, 151),
-    "calibration": (10157, 30, 86),
-    "processing": (21210, 61, 195),
+    "rig": (3708, 45, 58),
+    "acquisition": (15173, 63, 151),
+    "calibration": (10151, 30, 86),
+    "processing": (21137, 61, 194),
     "simulator": (7323, 28, 65),
-    "sgp": (14360, 0, 143),
+    "sgp": (14349, 0, 143),
 }
-WORDS_OF_DOCUMENTS = 156460
+WORDS_OF_DOCUMENTS = 155850
 # Numbers of calibration/spheres that were chosen, not derived.
 TUNED_CONSTANTS = 263
 STRATA_OF_SGP = 7

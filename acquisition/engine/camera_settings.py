@@ -11,7 +11,7 @@ from acquisition.session.journal import CAMERA_SETTINGS
 from acquisition.session.layout import MANIFEST, is_session
 from acquisition.session.manifest import parse_manifest
 from acquisition.session.session import Session
-from rig import CameraInfo, Notice, Rig, SgpError, pluralize, read_bounded
+from rig import CameraInfo, Notice, Rig, SgpError, listed, pluralize, read_bounded
 from rig.files import MAX_TOML_BYTES
 
 # The last sessions that are searched for one of the same camera, and the changes that are named.
@@ -64,12 +64,10 @@ def camera_notices(rig: Rig, folder: str | Path) -> tuple[Notice, ...]:
         ]
         if not changes:
             return ()
-        more = len(changes) - _MOST_NAMED
-        named = [*changes[:_MOST_NAMED], *([f"and {more} more"] if more > 0 else [])]
         text = (
             f"{pluralize(len(changes), 'setting')} of camera {info.serial or info.model} changed "
-            f"since {session.folder.name}: {', '.join(named)}; if recordings must be comparable, "
-            "restore them with the program of the vendor"
+            f"since {session.folder.name}: {listed(changes, _MOST_NAMED)}; if recordings must be "
+            "comparable, restore them with the program of the vendor"
         )
         return (Notice("camera-settings-changed", text, severity="warning"),)
     return ()

@@ -23,7 +23,7 @@ from acquisition.values.camera_model import CameraModel
 from acquisition.values.image_names import light_id
 from acquisition.values.lights import Lights, led_of
 from acquisition.values.transfer_curve import TransferCurve
-from rig import MAX_PIXELS, Notice
+from rig import MAX_PIXELS, Notice, listed
 
 _FULL = 65535.0
 _NAMED = 8
@@ -190,6 +190,10 @@ def _with_matched_lights(source: Source, lights: Lights | None, without: Sequenc
             f"({lights.ids[indices[0]]} to {ids[0]} and so on)"
         )
         warnings += (Notice("lights-matched-by-order", text, str(source.path)),)
+    elif len(indices) < len(lights) and not without and source.kind != "session":
+        unused = [name for i, name in enumerate(lights.ids) if i not in indices]
+        text = f"no image is named after {listed(unused, _NAMED)}: these lights are not used"
+        warnings += (Notice("lights-without-image", text, str(source.path), "info"),)
     lights = with_time_errors(replace(lights.take(indices), ids=ids), source.frames)
     return replace(source, lights=lights, warnings=warnings)
 
@@ -231,7 +235,6 @@ def _light_of(name: str) -> int | str:
 
 def _without(source: Source, unlit: Sequence[str]) -> Source:
     """Return a source without images that have no light, with a notice that names them."""
-    more = f" and {len(unlit) - _NAMED} more" if len(unlit) > _NAMED else ""
-    text = f"the calibration has no light for {', '.join(unlit[:_NAMED])}{more}: not used"
+    text = f"the calibration has no light for {listed(unlit, _NAMED)}: not used"
     notice = Notice("images-without-light", text, str(source.path))
     return replace(exclude(source, unlit), warnings=(*source.warnings, notice))

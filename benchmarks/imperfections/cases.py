@@ -311,6 +311,7 @@ def _turned_images(rows: int, columns: int) -> Change:
 # Names of causes that are right, for several cases.
 _AMBIENT, _BLACK = ("ambient-light",), ("black-level",)
 _CURVE = ("transfer-curve", "transfer-curve-doubtful")
+_TONE = ("tone-curve", *_CURVE)
 _GAINS = ("light-brightness",)
 _SHIFTS = ("image-shifted",)
 _ORDER = ("lights-shuffled", "images-swapped", "lights-reversed", "lights-shifted-in-order")
@@ -339,7 +340,7 @@ CASES: dict[str, Case] = {
     ),
     "jpeg": Case("-", (1,), _with(lambda v, _: _srgb(v), "jpg"), _CURVE, _GLOSS),
     "tone_curve": Case(
-        "depth of the S", (0.06, 0.03, 0.1), _with(_tone_curve, "jpg"), _CURVE, _GLOSS
+        "depth of the S", (0.06, 0.03, 0.1), _with(_tone_curve, "jpg"), _TONE, _GLOSS
     ),
     "local_tone": Case(
         "clip limit",

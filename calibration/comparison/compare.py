@@ -12,7 +12,7 @@ from acquisition import DataError, LightErrors, Lights, angle_deg
 from acquisition.value_files import lights_of_rig
 from acquisition.values import led_of, tangent_basis
 from calibration.comparison.order import Explanation, Mirror, Motion, explain
-from rig import Notice, RigConfig, check_type, pluralize, short_repr
+from rig import Notice, RigConfig, check_type, listed, pluralize, short_repr
 from rig.arrays import Float64, Intp
 
 # Differences below a micrometre, or the angle that it spans at half a metre, do not count.
@@ -238,13 +238,12 @@ def _changed(ids: Sequence[str], sigmas: Float64, freedom: int) -> Iterator[Noti
     beyond = [int(n) for n in order if sigmas[n] > limit]
     if not beyond:
         return
-    listed = ", ".join(f"{ids[n]} ({sigmas[n]:.1f})" for n in beyond[:_NAMED])
-    more = f" and {len(beyond) - _NAMED} more" if len(beyond) > _NAMED else ""
+    named = listed([f"{ids[n]} ({sigmas[n]:.1f})" for n in beyond], _NAMED)
     verb = "differs" if len(beyond) == 1 else "differ"
     yield Notice(
         "lights-changed",
         f"{pluralize(len(beyond), 'light')} of {len(ids)} {verb} by more than the errors of both "
-        f"calibrations explain ({limit:.1f} standard deviations): {listed}{more}",
+        f"calibrations explain ({limit:.1f} standard deviations): {named}",
     )
 
 
@@ -413,8 +412,7 @@ def _place(name: str, lights: Lights) -> int | None:
 def _missing(only_a: list[str], only_b: list[str]) -> Iterator[Notice]:
     for names, other in ((only_a, "second"), (only_b, "first")):
         if names:
-            more = f" and {len(names) - _MISSING_NAMED} more" if len(names) > _MISSING_NAMED else ""
-            text = f"the {other} calibration has no light {', '.join(names[:_MISSING_NAMED])}{more}"
+            text = f"the {other} calibration has no light {listed(names, _MISSING_NAMED)}"
             yield Notice("lights-not-compared", f"{text}: not compared")
 
 
@@ -482,8 +480,8 @@ def named(ids: Sequence[str]) -> str:
     leds = [led_of(name) for name in ids]
     plain = all(led is not None for led in leds)
     names = [str(led) for led in leds] if plain else list(ids)
-    listed = " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]
-    return f"LED {listed}" if plain else listed
+    all_names = " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]
+    return f"LED {all_names}" if plain else all_names
 
 
 def _exchanges(found: Explanation, ids: Sequence[str]) -> Iterator[Notice]:

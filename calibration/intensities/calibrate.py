@@ -14,7 +14,7 @@ from calibration.intensities.blocks import Blocks, blocks_of
 from calibration.intensities.fit import Fit, Vignetting, covariance_of, fit_vignetting
 from calibration.intensities.model import Geometry, NormalEquations, position_slopes
 from calibration.intensities.surface import MatteSurface
-from rig import Notice, check_type, pluralize
+from rig import Notice, check_type, listed, pluralize
 from rig.arrays import Bool, Float64
 
 # A gloss or a shape that moves samples by 1 % moves intensities by nearly as much.
@@ -283,10 +283,9 @@ def _unlike(fit: Fit, lights: Lights) -> list[Notice]:
     odd = np.flatnonzero(turned > max(_LEAST_DEG, _TYPICAL * usual))
     if not len(odd):
         return []
-    listed = ", ".join(f"{lights.ids[k]} ({turned[k]:.0f} degrees)" for k in odd[:_LISTED])
-    more = f" and {len(odd) - _LISTED} more" if len(odd) > _LISTED else ""
+    named = listed([f"{lights.ids[k]} ({turned[k]:.0f} degrees)" for k in odd], _LISTED)
     text = (
-        f"the images turn the axis of {listed}{more} away from the given one, those of half of the "
+        f"the images turn the axis of {named} away from the given one, those of half of the "
         f"lights by less than {max(usual, 0.1):.1f} degrees: unless this LED is bent, its position "
         "is wrong, or that of another light: check the order of wires and images"
     )

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from processing.checks.derivatives import REFLECTANCE, Columns
+from processing.checks.derivatives import OF_IMAGES, REFLECTANCE, Columns
 from rig.arrays import Float64
 
 # Expected sizes of parameters, in the units of their columns: light of a lamp, bright parts,
 # logarithms, blocks, radians, shares of the distance of the lights, reciprocal sizes of the object.
 _AMBIENT, _SIDEWAYS, _OFFSET, _CURVE, _GAIN = 0.2, 0.03, 0.1, 0.35, 0.1
 _SHIFT, _TREND, _TURN, _PLACE, _NEAR = 2.0, 0.15, 0.1, 0.1, 1.0
-_REFLECTANCE, _HEIGHT_MM = 1.0, 50.0
+_REFLECTANCE, _HEIGHT_MM, _TONE = 1.0, 50.0, 0.1
+# Hypotheses with parameters of each image, of which others are special cases.
+_STRENGTHS, _SHIFTED = ("light-brightness",), ("image-shifted",)
 
 
 class Kind(NamedTuple):
@@ -51,6 +53,14 @@ KINDS = {
         100,
         "record in the dark, subtract a dark frame, or estimate the ambient light",
     ),
+    "ambient-light-changes": Kind(
+        "changing room light",
+        "room light reaches the object and changes from image to image, by {size} of a lamp's "
+        "light",
+        "%",
+        100,
+        "record in the dark",
+    ),
     "black-level": Kind(
         "an offset of all samples",
         "the samples have an offset of {size} of the bright parts",
@@ -64,6 +74,13 @@ KINDS = {
         "",
         1,
         "state the transfer curve",
+    ),
+    "tone-curve": Kind(
+        "a tone curve",
+        "a tone curve changes dark and bright samples by up to {size} of white, in opposite ways",
+        "%",
+        100,
+        "use raw images, or images without a picture style",
     ),
     "light-brightness": Kind(
         "wrong strengths of the lights",
@@ -175,7 +192,7 @@ class Hypothesis:
     widths
         ``(q,)`` expected sizes.
     general
-        Name of the hypothesis with parameters of each image of which this is a special case.
+        Names of the hypotheses with parameters of each image of which this is a special case.
     first
         First image that it is about.
     """
@@ -183,7 +200,7 @@ class Hypothesis:
     name: str
     basis: Float64
     widths: Float64
-    general: str = ""
+    general: tuple[str, ...] = ()
     first: int = 0
 
 
@@ -209,32 +226,38 @@ def hypotheses_of(columns: Columns, unit: Float64) -> list[Hypothesis]:
     """
     found: list[Hypothesis] = []
 
-    def add(name: str, basis: Float64, *widths: float, general: str = "", first: int = 0) -> None:
-        found.append(Hypothesis(name, basis, np.resize(widths, basis.shape[1]), general, first))
+    def add(
+        name: str, basis: Float64, *widths: float, of: Sequence[str] = (), first: int = 0
+    ) -> None:
+        found.append(Hypothesis(name, basis, np.resize(widths, basis.shape[1]), tuple(of), first))
 
-    of: Callable[..., Float64] = columns.select
+    select: Callable[..., Float64] = columns.select
     count = len(unit)
-    gains, right, down = (columns.images(kind) for kind in ("gain", "right", "down"))
+    gains, room, right, down = (columns.images(kind) for kind in OF_IMAGES)
     time = np.linspace(0, 1, count)
-    ambient = of("ambient", "ambient right", "ambient up")
+    ambient = select("ambient", "ambient right", "ambient up")
     # Strengths of all images imitate simpler causes on even objects.
-    add("ambient-light", ambient, _AMBIENT, _SIDEWAYS, _SIDEWAYS, general="light-brightness")
-    add("black-level", of("offset"), _OFFSET, general="light-brightness")
-    add("transfer-curve-doubtful", of("curve"), _CURVE, general="light-brightness")
+    changing = "ambient-light-changes"
+    add("ambient-light", ambient, _AMBIENT, _SIDEWAYS, _SIDEWAYS, of=[*_STRENGTHS, changing])
+    add(changing, room, _AMBIENT)
+    add("black-level", select("offset"), _OFFSET, of=_STRENGTHS)
+    add("transfer-curve-doubtful", select("curve"), _CURVE, of=_STRENGTHS)
+    if "tone" in columns.names:
+        add("tone-curve", select("tone"), _TONE, of=_STRENGTHS)
     add("light-brightness", gains, _GAIN)
-    add("brightness-gradient", gains @ unit[:, :2], _TREND, general="light-brightness")
-    add("lights-fading", (gains @ time)[:, None], _TREND, general="light-brightness")
+    add("brightness-gradient", gains @ unit[:, :2], _TREND, of=_STRENGTHS)
+    add("lights-fading", (gains @ time)[:, None], _TREND, of=_STRENGTHS)
     add("image-shifted", np.hstack([right, down]), _SHIFT)
     drift = np.stack([right @ time, down @ time], axis=1)
-    add("images-drift", drift, _SHIFT, general="image-shifted")
+    add("images-drift", drift, _SHIFT, of=_SHIFTED)
     for first in range(2, count - 1, max(1, count // 12)):
         after = (np.arange(count) >= first).astype(np.float64)
         basis = np.stack([right @ after, down @ after], axis=1)
-        add("images-moved", basis, _SHIFT, general="image-shifted", first=first)
-    add("lights-tilted", of("turn x", "turn y"), _TURN)
+        add("images-moved", basis, _SHIFT, of=_SHIFTED, first=first)
+    add("lights-tilted", select("turn x", "turn y"), _TURN)
     if "near" in columns.names:
-        add("lights-not-distant", of("near", "near height"), _NEAR)
+        add("lights-not-distant", select("near", "near height"), _NEAR)
     else:
-        add("lights-displaced", of("shift x", "shift y"), _PLACE)
-        add("light-distance", of("shift z"), _PLACE)
+        add("lights-displaced", select("shift x", "shift y"), _PLACE)
+        add("light-distance", select("shift z"), _PLACE)
     return found

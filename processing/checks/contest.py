@@ -15,12 +15,12 @@ from processing.checks.derivatives import Columns
 from processing.checks.evidence import Fitted, NormalEquations
 from processing.checks.height_effect import height_effect_mm, sparse_blocks
 from processing.checks.verdict import Cause
-from rig import pluralize
+from rig import listed
 from rig.arrays import Float64, Intp
 
 _MOST_CAUSES = 3
 _CURVE = "transfer-curve-doubtful"
-_LISTED = 6
+_CURVES = (_CURVE, "tone-curve")
 
 
 _Row = tuple[Hypothesis, Fitted]
@@ -33,6 +33,8 @@ def _possible(row: _Row) -> bool:
         return False
     if hypothesis.name == _CURVE:
         return bool(0 < 1 + fitted.size[0] < limits.LARGEST_POWER)
+    if hypothesis.name == "ambient-light-changes":
+        return bool(fitted.size.mean() > 0)
     return hypothesis.name != "ambient-light" or bool(fitted.size[0] > 0)
 
 
@@ -121,7 +123,7 @@ class Contest:
                 break
             causes.append(self._cause(*found))
             best, _ = found[0]
-            if best.name == _CURVE:
+            if best.name in _CURVES:
                 break  # sizes of others are those of a wrong curve
             equations = equations.with_nuisances(best.basis, best.widths)
         tried = tuple(dict.fromkeys(one.name for one in self._hypotheses))
@@ -150,7 +152,7 @@ class Contest:
         special = [
             row
             for row in enough.values()
-            if row[0].general == best[0].name
+            if best[0].name in row[0].general
             and row[1].evidence > limits.SPECIAL * best[1].evidence
         ]
         if special:
@@ -159,7 +161,7 @@ class Contest:
             row
             for name, row in enough.items()
             if row[1].evidence > limits.TIED * best[1].evidence
-            and name not in (best[0].name, best[0].general)
+            and name not in (best[0].name, *best[0].general)
         ]
         return [best, *tied]
 
@@ -175,12 +177,10 @@ class Contest:
             size += 1
         text = kind.text.format(size=f"{size:.2g} +- {sigma:.1g} {unit}".rstrip())
         if out:
-            listed = [
+            text += ": " + listed(
                 name if gain is None else f"{name} ({gain:.2f} times as bright)"
-                for name, gain in list(out.items())[:_LISTED]
-            ]
-            more = f" and {pluralize(len(out) - _LISTED, 'other')}" if len(out) > _LISTED else ""
-            text += f": {', '.join(listed)}{more}"
+                for name, gain in out.items()
+            )
         degrees = self._equations.effect_deg(fitted.alone)
         return Cause(
             hypothesis.name,
@@ -200,13 +200,15 @@ class Contest:
         self, hypothesis: Hypothesis, fitted: Fitted
     ) -> tuple[float, float, dict[str, float | None]]:
         """Return size and standard deviation in units of the columns, and images that stand out."""
-        if hypothesis.general or hypothesis.name not in ("light-brightness", "image-shifted"):
+        if hypothesis.name not in ("light-brightness", "image-shifted"):
             if hypothesis.name == "lights-not-distant":
                 # The distance follows from its reciprocal.
                 size = float(np.ptp(self._model.points[:, :2], axis=0).max())
                 share = fitted.sigma[0] / max(abs(float(fitted.size[0])), 1e-9)
                 away = size / max(abs(float(fitted.size[0])), 1e-9)
                 return away, float(away * share), {}
+            if hypothesis.name == "ambient-light-changes":
+                return float(np.std(fitted.size)), float(np.median(fitted.sigma)), {}
             if hypothesis.name == "ambient-light":
                 return float(fitted.size[0]), float(fitted.sigma[0]), {}
             size = float(np.linalg.norm(fitted.size)) if len(fitted.size) > 1 else fitted.size[0]
@@ -232,10 +234,8 @@ class Contest:
             return float("nan")
         model = self._model
         some = sparse_blocks(model)
-        parts = np.array_split(some, 1 + len(some) // 500)
-        change = np.concatenate([self._columns.of(part) @ fitted.alone for part in parts])
         block_mm = self._pixel_mm * self._size
-        samples = model.samples[some] - change
+        samples = model.samples[some] - self._columns.change(some, fitted.alone)
         return height_effect_mm(model, samples, self._lights, self._rays, block_mm)
 
     def _limits(

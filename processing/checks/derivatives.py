@@ -16,7 +16,7 @@ LOBES = (2, 8, 32, 128, 512)
 # Names of the columns that say that the surface is not matte.
 REFLECTANCE = (*(f"lobe {n}" for n in LOBES), "rough", "slope", "grazing", "retro")
 # Columns of each image.
-OF_IMAGES = ("gain", "right", "down")
+OF_IMAGES = ("gain", "room", "right", "down")
 _STEP = 1e-3
 _UP = np.array([0.0, 0.0, 1.0])
 
@@ -28,13 +28,22 @@ class Columns:
     Parameters
     ----------
     names
-        Names of the Q columns; those of image k are ``gain k``, ``right k``, ``down k``.
+        Names of the Q columns: first c of all images, and then those of each image. The latter are
+        ``gain k`` of image k, and likewise the other ones of `OF_IMAGES`.
     of
-        Returns the derivatives ``(B, N, Q)`` of some blocks, given by their indices.
+        Returns the derivatives of some blocks, given by their indices: ``(B, N, c)`` by the
+        parameters of all images, and ``(B, N, 4)`` of each image by its own.
     """
 
     names: tuple[str, ...]
-    of: Callable[[Intp], Float64]
+    of: Callable[[Intp], tuple[Float64, Float64]]
+
+    def change(self, blocks: Intp, parameters: Float64) -> Float64:
+        """Return how samples ``(B, N)`` of blocks change with the parameters ``(Q,)``."""
+        shared, own = self.of(blocks)
+        common = shared.shape[2]
+        each = parameters[common:].reshape(own.shape[2], -1)
+        return np.asarray(shared @ parameters[:common] + np.einsum("bnj,jn->bn", own, each))
 
     def select(self, *names: str) -> Float64:
         """Return ``(Q, q)``, the unit vectors of columns."""
@@ -64,7 +73,8 @@ def columns_of(
     lights: Lights,
     strengths: Float64,
     rays: Float64 | None,
-    slopes: tuple[Float64, Float64] | None,
+    slopes: tuple[Float64, Float64],
+    toned: Callable[[Float64], Float64] | None,
 ) -> Columns:
     """Return the columns of a model.
 
@@ -79,46 +89,47 @@ def columns_of(
     rays
         ``(P, 3)`` change of the surface points per mm of height; None under distant lights.
     slopes
-        Changes of the scaled normals, see `slopes_of`; None without columns of single images.
+        Changes of the scaled normals, see `slopes_of`.
+    toned
+        Returns the derivative of samples ``(B, N)`` by the depth of a tone curve; None if the
+        transfer curve is known.
     """
     moved = _moved_lights(model, lights, rays)
     names = ("ambient", "ambient right", "ambient up", "offset", "curve", *moved, *REFLECTANCE)
+    if toned is not None:
+        names += ("tone",)
     count = model.samples.shape[1]
-    if slopes is not None:
-        names += tuple(f"{kind} {k}" for kind in OF_IMAGES for k in range(count))
+    column = {name: i for i, name in enumerate(names)}
 
-    def of(blocks: Intp) -> Float64:
+    def of(blocks: Intp) -> tuple[Float64, Float64]:
         scaled, predicted = model.scaled_normals[blocks], model.predicted[blocks]
         albedo, normals = model.albedo[blocks], model.normals[blocks]
         vectors, attached = model.vectors[blocks], model.attached[blocks]
         lit = (predicted > 0) & ~attached
         found = np.zeros((len(blocks), count, len(names)))
-        column = {name: i for i, name in enumerate(names)}
 
         def put(name: str, values: Float64) -> None:
             found[:, :, column[name]] = values
 
         # Images are divided by strengths; room light is not brighter when a lamp is.
-        put("ambient", (albedo * (1 + normals[:, 2]) / 2)[:, None] / strengths)
+        room = (albedo * (1 + normals[:, 2]) / 2)[:, None] / strengths
+        put("ambient", room)
         put("ambient right", scaled[:, :1] / strengths)
         put("ambient up", scaled[:, 1:2] / strengths)
         put("offset", (1 / strengths)[None])
         positive = np.where(lit, np.maximum(predicted, 1e-3), 1.0)
         put("curve", positive * np.log(positive * strengths) * lit)
+        if toned is not None:
+            put("tone", toned(predicted) * lit)
         for name, change in moved.items():
             put(name, _times(change(blocks) - vectors, scaled) * ~attached / _STEP)
         for name, values in reflectance_of(model, blocks).items():
             put(name, values)
-        if slopes is None:
-            return found
-        k = np.arange(count)
-        start = column["gain 0"]
-        found[:, k, start + k] = predicted * lit
-        for i, slope in enumerate(slopes, start=1):
-            found[:, k, start + i * count + k] = -_times(vectors, slope[blocks]) * lit
-        return found
+        shifts = [-_times(vectors, slope[blocks]) * lit for slope in slopes]
+        return found, np.stack([predicted * lit, room, *shifts], axis=2)
 
-    return Columns(names, of)
+    each = (f"{kind} {k}" for kind in OF_IMAGES for k in range(count))
+    return Columns((*names, *each), of)
 
 
 def _times(vectors: Float64, scaled: Float64) -> Float64:

@@ -87,7 +87,7 @@ class NormalEquations:
         self.answers = np.zeros((len(blocks), 3, count), np.float32)
         for i in np.unique(part):
             inside = np.flatnonzero(part == i)
-            self._add(i, inside, columns.of(blocks[inside]))
+            self._add(i, inside, *columns.of(blocks[inside]))
         self._used = np.flatnonzero(self._count > 0)
         rows, across = np.divmod(self._used, _PARTS)
         fold = (rows // 2 * 7 + across // 2 * 3) % _FOLDS
@@ -96,21 +96,24 @@ class NormalEquations:
         self._folds = [self._summed(one) for one in folds if 0 < len(one) < len(self._used)]
         self.samples = float(self._count.sum())
 
-    def _add(self, part: int, inside: Intp, columns: Float64) -> None:
+    def _add(self, part: int, inside: Intp, shared: Float64, own: Float64) -> None:
+        """Add the blocks of a part, with columns of all images, and those of each image."""
         model, blocks = self.model, self.blocks[inside]
         weights, left = model.weights[blocks], model.samples[blocks] - model.predicted[blocks]
         weighted, products = model.products(blocks)
-        mixed = weighted.transpose(0, 2, 1) @ columns
+        across = weighted.transpose(0, 2, 1)
+        each = across[:, :, None] * own.transpose(0, 2, 1)[:, None]
+        mixed = np.concatenate([across @ shared, each.reshape(len(blocks), 3, -1)], axis=2)
         target = (weighted * left[..., None]).sum(axis=1)
         answer = np.linalg.solve(products, mixed)
         fitted = np.linalg.solve(products, target[..., None])[..., 0]
         root = np.sqrt(weights)
-        rows = (columns * root[..., None]).reshape(-1, columns.shape[2])
-        residual = (left * root).reshape(-1)
-        flat, answers = (each.reshape(-1, columns.shape[2]) for each in (mixed, answer))
-        self._products[part] = rows.T @ rows - flat.T @ answers
-        self._scores[part] = rows.T @ residual - answers.T @ target.reshape(-1)
-        self._squares[part] = residual @ residual - float((target * fitted).sum())
+        residual = left * root
+        flat, answers = (each.reshape(-1, mixed.shape[2]) for each in (mixed, answer))
+        squares, scores = _products(shared * root[..., None], own * root[..., None], residual)
+        self._products[part] = squares - flat.T @ answers
+        self._scores[part] = scores - answers.T @ target.reshape(-1)
+        self._squares[part] = float((residual**2).sum()) - float((target * fitted).sum())
         self._count[part] = np.count_nonzero(weights) - 3 * len(blocks)
         self.answers[inside] = -answer
 
@@ -266,6 +269,27 @@ class NormalEquations:
         across = moved - (moved * normals).sum(axis=1, keepdims=True) * normals
         size = np.linalg.norm(across, axis=1) / self.model.albedo[self.blocks]
         return np.asarray(np.degrees(np.arctan(size)))
+
+
+def _products(shared: Float64, own: Float64, residual: Float64) -> tuple[Float64, Float64]:
+    """Return the products of all columns with each other, and with the residual.
+
+    Columns of different images have no sample in common.
+    """
+    count, kinds = own.shape[1:]
+    common = shared.shape[2]
+    found = np.zeros((common + kinds * count,) * 2)
+    rows = shared.reshape(-1, common)
+    found[:common, :common] = rows.T @ rows
+    images = own.transpose(1, 2, 0)  # (N, kinds, B)
+    mixed = (images @ shared.transpose(1, 0, 2)).transpose(1, 0, 2).reshape(-1, common)
+    found[common:, :common], found[:common, common:] = mixed, mixed.T
+    alike = found[common:, common:].reshape(kinds, count, kinds, count)
+    k = np.arange(count)
+    alike[:, k, :, k] = images @ images.transpose(0, 2, 1)
+    found[common:, common:] = alike.reshape(kinds * count, -1)
+    each = np.einsum("bnj,bn->jn", own, residual).reshape(-1)
+    return found, np.concatenate([rows.T @ residual.reshape(-1), each])
 
 
 def _part(at: Intp) -> Intp:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -13,9 +13,10 @@ from processing.checks import limits
 from processing.checks.arrangement import (
     Arrangement,
     better_arrangement,
+    residual_of,
     turned_lights,
 )
-from processing.checks.block_model import BlockModel, Blocks
+from processing.checks.block_model import BlockModel, Blocks, fit_blocks, light_vectors
 from processing.checks.causes import IMAGE_KINDS, KINDS, MOVEMENTS
 from processing.checks.contest import Contest, Decision
 from processing.checks.derivatives import columns_of, slopes_of
@@ -28,14 +29,15 @@ from processing.images.viewing_rays import View
 from processing.maps.normal_map import NormalMap
 from processing.stereo.normals_and_albedo import photometric_stereo
 from processing.surface.integrability_test import Integrability, integrability
+from rig import listed
 from rig.arrays import Float64, Intp
 
 _BLOCKS = 1500
 _FEWEST_BLOCKS, _FEWEST_LIGHTS, _FEWEST_IMAGES = 100, 5, 4
 # Blocks with less albedo, relative to the bright parts, show nothing.
 _DARK = 1e-4
+_STEP = 1e-3
 _CURVE = "transfer-curve-doubtful"
-_LISTED = 6
 
 
 class Recorded(NamedTuple):
@@ -127,16 +129,22 @@ def explain(recorded: Recorded, model: BlockModel, shown: ShownLights) -> Explan
         return Explanation()
     other = better_arrangement(model, recorded.blocks.samples, lights)
     curve, residual = _other_curve(recorded, model, limits.BETTER_CURVE)
+    if curve is not None and _explained_better(recorded, model, curve.share):
+        curve = None
     rim = outward(recorded.normals)
     arranged: Cause | None
     if curve is not None and (other is None or residual < other.residual):
         arranged = curve
+    elif (higher := _other_height(recorded, model, other)) is not None:
+        arranged = higher
     elif other is not None:
         arranged = _arranged(other, _angle_deg(model, recorded.blocks.fit(other.lights)))
     elif shown.contradict:
         arranged = _unknown_order(shown)
     else:
-        arranged = _other_axes(model, recorded.shape) or inward(rim)
+        # Under near lights, wrong axes leave a residual.
+        axes = None if lights.near else _other_axes(model, recorded.shape)
+        arranged = axes or inward(rim)
     if arranged is not None:
         # Sizes of others would be those of a wrong arrangement or curve.
         return Explanation((arranged,), (arranged.name,), unexplained=0.0)
@@ -151,7 +159,7 @@ def explain(recorded: Recorded, model: BlockModel, shown: ShownLights) -> Explan
     decided = _contest(recorded, recorded.blocks, model)
     if decided is None:
         return tested
-    if any(cause.name == _CURVE for cause in decided.causes):
+    if decided.causes and decided.causes[0].name == _CURVE:
         curve, _ = _other_curve(recorded, model, 1.0)
     if curve is not None:
         return replace(tested, causes=(*causes, curve), unexplained=0.0)
@@ -185,10 +193,25 @@ def _contest(
         return None
     rays = None if recorded.view is None else recorded.view.rise(blocks.points)
     relative = recorded.strengths / np.exp(np.log(recorded.strengths).mean())
-    columns = columns_of(model, recorded.lights, relative, rays, slopes)
+    columns = columns_of(model, recorded.lights, relative, rays, slopes, _toned(recorded, blocks))
     size, pixel_mm = blocks.size, recorded.pixel_mm
     contest = Contest(model, columns, usable, recorded.lights, size, pixel_mm, rays)
     return contest.decide(with_limits=with_limits)
+
+
+def _toned(recorded: Recorded, blocks: Blocks) -> Callable[[Float64], Float64] | None:
+    """Return the derivative of samples by the depth of an S-shaped tone curve of stored values."""
+    curve = recorded.transfer
+    if curve is None:
+        return None
+    signal = blocks.scale * recorded.strengths
+
+    def change(radiance: Float64) -> Float64:
+        stored = curve.samples(radiance * signal)
+        toned = curve.light(stored - _STEP * np.sin(2 * np.pi * stored))
+        return np.asarray((toned / signal - radiance) / _STEP)
+
+    return change
 
 
 def _usable(model: BlockModel, slopes: tuple[Float64, Float64]) -> Intp:
@@ -287,11 +310,10 @@ def _of_images(found: Iterable[ImageFault], recorded: Recorded) -> Iterable[Caus
         if not faults:
             continue
         texts = [f"{ids[fault.image]} {fault.text.format(*ids)}" for fault in faults]
-        more = f" and {len(texts) - _LISTED} more" if len(texts) > _LISTED else ""
         out = [fault.image for fault in faults]
         yield Cause(
             name,
-            f"{noun}: {', '.join(texts[:_LISTED])}{more}",
+            f"{noun}: {listed(texts)}",
             size=float(len(faults)),
             unit="images",
             sigma=0.0,
@@ -352,7 +374,55 @@ def _other_curve(
         seen = np.where(np.isfinite(light), light, 0.0)[some]
         height = height_effect_mm(model, seen, recorded.lights, rays, block_mm)
     remedy = f"{kind.remedy}: {other.name}"
-    return Cause(_CURVE, text, normals_deg=effect, height_mm=height, remedy=remedy), after
+    share = 1 - (after / before) ** 2
+    cause = Cause(_CURVE, text, normals_deg=effect, height_mm=height, remedy=remedy, share=share)
+    return cause, after
+
+
+def _other_height(recorded: Recorded, model: BlockModel, other: Arrangement | None) -> Cause | None:
+    """Return the cause if the images agree better with their lights at another mean height.
+
+    It must leave less than another arrangement. Heights that were found on the way from a plane may
+    be those of another minimum, or beyond those that were tried.
+    """
+    if recorded.view is None:
+        return None
+    some, samples = sparse_blocks(model), recorded.blocks.samples
+    before = residual_of(samples[some], model.vectors[some])
+    if before < limits.GOOD:
+        return None
+    rays = recorded.view.rise(model.points)
+    rise, after = mean_height(model, some, samples[some], recorded.lights, rays)
+    if after > limits.BETTER * before or (other is not None and other.residual < after):
+        return None
+    text = (
+        f"the images deviate from the lights by {before:.1%}, but by {after:.1%} if the object "
+        f"is about {abs(rise):.0f} mm {'higher' if rise > 0 else 'lower'}"
+    )
+    moved = fit_blocks(
+        samples.copy(),
+        light_vectors(recorded.lights, model.points + rise * rays),
+        model.points,
+        model.places,
+        model.shape,
+    )
+    remedy = "state its mean height, or that it rests on the working plane"
+    return Cause(
+        "height-doubtful",
+        text,
+        size=rise,
+        unit="mm",
+        normals_deg=_angle_deg(model, moved),
+        height_mm=abs(rise),
+        remedy=remedy,
+    )
+
+
+def _explained_better(recorded: Recorded, model: BlockModel, share: float) -> bool:
+    """Return whether a cause that is no curve explains more than this share of the residual."""
+    decided = _contest(recorded, recorded.blocks, model, with_limits=False)
+    causes = () if decided is None else decided.causes
+    return bool(causes) and causes[0].name != _CURVE and causes[0].share > share
 
 
 def _angle_deg(one: BlockModel, other: BlockModel) -> float:

@@ -51,7 +51,7 @@ GOOD = 0.03
 # displaces two thirds of the lights by up to 12 degrees, shuffled lists by 20 and more.
 SHUFFLED_DEG = 15.0
 SHUFFLED_RESIDUAL = 0.1
-SHUFFLED_FACTOR = 1.5
+SHUFFLED_FACTOR = 2.3
 # Smallest relative to largest component of the normals that shows where lights are: 8 degrees.
 LEAST_RELIEF = 0.04
 # Degrees and standard deviations of a turn about the line of sight. Of 148 correct recordings, one

@@ -81,6 +81,10 @@ class Cause:
         effect = f" ({self.effect})" if self.effect else ""
         return f"{self.text}{besides}{effect}"
 
+    def forbids(self, least_deg: float) -> bool:
+        """Return whether it changes normals by more than this and explains much of the residual."""
+        return self.normals_deg > least_deg and not self.share <= limits.LARGE_SHARE
+
     def matters(self, least_deg: float) -> bool:
         """Return whether it changes normals by more than this, or by an unknown angle.
 
@@ -138,7 +142,7 @@ class Verdict:
         'check'
         """
         forbids = max(limits.FORBIDS_DEG, limits.FORBIDS_SIGMAS * self._sigma_deg)
-        if any(cause.inverts or cause.normals_deg > forbids for cause in self.causes):
+        if any(cause.inverts or cause.forbids(forbids) for cause in self.causes):
             return "do-not-use"
         return "check" if self.harmful or self._is_unexplained else "good"
 

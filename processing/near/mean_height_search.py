@@ -165,10 +165,14 @@ class MeanHeightSearch:
             # The surface has moved by a few millimetres since.
             around = self._found - self._spacing / 2, self._found + self._spacing / 2
         height = _least_cost(cost, self._limits, _TRIED, around, _ACCURACY_MM)
+        at_limit = height is None
         if height is None:
-            return depth, math.inf
-        self._found = height
-        return self._view.moved(depth, mean, distance - height), self._sigma(shape, height)
+            # The shape of a tall object may bring it inside.
+            height = min(self._limits, key=cost)
+        else:
+            self._found = height
+        sigma = math.inf if at_limit else self._sigma(shape, height)
+        return self._view.moved(depth, mean, distance - height), sigma
 
     def _sigma(self, shape: Float64, height: float) -> float:
         """Return the standard deviation of a minimum.

@@ -165,8 +165,6 @@ def near_height(
         try:
             if height_mm is None and not rests_on_plane:
                 depth, sigma = search.moved(depth)
-                if not sigma < _LEAST_KNOWN * search.light_distance_mm:
-                    return _not_determined(mask, distance, sigma)
             found, inside = _surface(coarse, lights, depth, method)
         except EstimateError:
             return _not_determined(mask, distance - (height_mm or 0.0), math.nan)
@@ -186,6 +184,8 @@ def near_height(
             step and change > 0.5 * steps[-2].change_mm
         ):
             break
+    if sigma >= _LEAST_KNOWN * search.light_distance_mm:
+        return _not_determined(mask, distance, sigma)
     warnings: tuple[Notice, ...] = ()
     if math.isfinite(sigma):
         warnings = _doubts(*search.common_shift(depth), search.light_distance_mm)

@@ -1,55 +1,54 @@
-"""Where normals contradict each other: errors of the model are there."""
+"""Where errors of the model are: where normals contradict each other, and where they vary."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from acquisition import MapRows
 from acquisition.files import rows_in_bands
-from processing.noise.around import sum_around
+from processing.noise.around import mean_around, sum_around
 from processing.noise.lens_blur import rows_that_show
 from rig import short_repr
-from rig.arrays import Bool, Float32
+from rig.arrays import AnyArray, Bool, Float32
 
-# Pixels across over which squared curls are averaged.
-_ACROSS = 11
+# Pixels across over which squares are averaged, and in which normals scatter.
+_ACROSS, _DETAIL = 11, 5
 # Steeper slopes are those of this z.
 _STEEPEST = 0.15
-# Share of the errors of the model that goes with the curl, the rest is the same in all pixels: on
-# simulated glossy objects and a real ball, this ranks errors best.
-_SHARE = 0.7
+# Share of what residuals state of a pixel that is averaged over the object: they hardly show where
+# the errors are.
+POOLED = 0.7
 # Bytes of rows that are computed at once, and of a pixel while it is computed.
 _BAND, _PIXEL_BYTES = 32_000_000, 64
 
 
 @dataclass(frozen=True)
 class Inconsistency:
-    """How far the normals of an object are from those of a surface.
+    """How far the normals of an object are from those of a smooth surface.
 
     The slopes of a surface have no curl. Gloss, shadows and light from elsewhere turn normals in
-    ways that no surface has, and residuals hardly show where.
+    ways that no surface has, most of all in hollows and at edges, where normals vary.
 
     Parameters
     ----------
-    mean
-        Mean over the object of the root mean square curl around each pixel.
+    curl, scatter
+        Means over the object of the root mean square curl, and scatter of the normals, around each
+        pixel.
     """
 
-    mean: float
+    curl: float
+    scatter: float
 
     __repr__ = short_repr
 
     @classmethod
     def of(cls, normals: MapRows, valid: Bool) -> Inconsistency:
         """Return that of a map of normals ``(H, W, 3)``, of which some rows are read."""
-        total, pixels = 0.0, 0
-        for rows in rows_that_show(valid):
-            inside = valid[rows]
-            total += float(_curl_around(normals[rows], inside)[inside].sum(dtype=np.float64))
-            pixels += int(np.count_nonzero(inside))
-        return cls(total / max(pixels, 1))
+        both = mean_of(lambda rows: np.stack(_around(normals[rows], valid[rows]), axis=-1), valid)
+        return cls(float(both[0]), float(both[1]))
 
     def factor(self, normals: MapRows, valid: Bool, rows: slice) -> Float32:
         """Return the factors of the variances of the model, 1 on average, of some rows.
@@ -64,14 +63,44 @@ class Inconsistency:
             Rows to compute, with start and stop.
         """
         found = np.ones((rows.stop - rows.start, valid.shape[1]), np.float32)
-        around = _ACROSS // 2 + 1
+        around = _ACROSS // 2 + _DETAIL // 2
         for band in rows_in_bands(len(found), _PIXEL_BYTES * valid.shape[1], _BAND):
             first, last = rows.start + band.start, rows.start + band.stop
             part = slice(max(first - around, 0), min(last + around, len(valid)))
-            curl = _curl_around(normals[part], valid[part])[first - part.start :][: last - first]
-            if self.mean > 0:
-                found[band] = 1 - _SHARE + _SHARE * curl / np.float32(self.mean)
+            both = zip(_around(normals[part], valid[part]), (self.curl, self.scatter), strict=True)
+            known = [
+                each[first - part.start :][: last - first] / mean for each, mean in both if mean > 0
+            ]
+            if known:
+                found[band] = np.mean(known, axis=0)
         return found
+
+
+def mean_of(values: Callable[[slice], Float32], valid: Bool) -> Float32:
+    """Return the mean of values over the pixels ``valid`` of some rows.
+
+    Parameters
+    ----------
+    values
+        Returns values ``(R, W)`` or ``(R, W, C)`` of rows.
+    valid
+        ``(H, W)`` bool.
+    """
+    total: AnyArray = np.zeros(1)
+    pixels = 0
+    for rows in rows_that_show(valid):
+        total = total + values(rows)[valid[rows]].sum(axis=0, dtype=np.float64)
+        pixels += int(np.count_nonzero(valid[rows]))
+    return np.asarray(total / max(pixels, 1), np.float32)
+
+
+def _around(normals: Float32, valid: Bool) -> tuple[Float32, Float32]:
+    """Return the root mean square curl and scatter of the normals around each pixel."""
+    unit = np.where(valid[..., None], normals, 0)
+    mean = np.stack([mean_around(each, valid, _DETAIL) for each in np.moveaxis(unit, 2, 0)], axis=2)
+    scatter = np.maximum(1 - np.linalg.norm(mean, axis=2), 0)
+    around = mean_around(np.where(valid, scatter, 0), valid, _ACROSS)
+    return _curl_around(normals, valid), np.sqrt(np.maximum(around, 0))
 
 
 def _curl_around(normals: Float32, valid: Bool) -> Float32:

@@ -14,6 +14,7 @@ from calibration import StackNoise
 from calibration.radiance import check_linear
 from processing.noise.pixel_variances import (
     ALIKE,
+    UNIFORM,
     Counts,
     Origin,
     PixelVariances,
@@ -27,9 +28,7 @@ from processing.stereo.normals_and_albedo import PhotometricStereoResult
 from rig import Progress, check_type, no_progress, short_repr
 from rig.arrays import Bool, Float32, Float64, UInt8
 
-# Root mean square angle between any direction and one that is uniform on the sphere:
-# sqrt((pi^2 - 4) / 2). No direction is less certain; to first order, variances have no limit.
-UNIFORM_DEG: Final = math.degrees(math.sqrt((math.pi**2 - 4) / 2))
+UNIFORM_DEG: Final = math.degrees(math.sqrt(UNIFORM))
 # Least correlation of residuals that are not noise.
 STRUCTURED = 0.1
 

@@ -47,6 +47,9 @@ SUMS = 7
 # Share of the variance of `common_error` by which all normals turn alike: on simulated objects, the
 # mean of the errors by a rough surface is a third of their root mean square.
 ALIKE = 1 / 9
+# Mean square angle between any direction and one that is uniform on the sphere, rad^2. No direction
+# is less certain; to first order, variances have no limit.
+UNIFORM = (math.pi**2 - 4) / 2
 # Where a law of the noise is from.
 Origin = Literal["sensor", "repeats", "residuals", "unknown"]
 # Pixels whose residuals show whether they are noise.
@@ -429,9 +432,10 @@ def row_sums(
 ) -> Float64:
     """Return sums over rows ``(H, SUMS)`` for `common_error`.
 
-    They are the standard deviations of the model, pixels with a solution, variances by noise and
-    lights, those by lights, degrees of freedom, products of neighbours and their degrees of
-    freedom.
+    They are the standard deviations of the model, pixels with a solution, logarithms of their
+    variances by noise and lights, the share of the lights, degrees of freedom, products of
+    neighbours and their degrees of freedom. Variances of pixels that lights hardly determine have
+    no limit: the typical one is a geometric mean.
 
     Parameters
     ----------
@@ -442,7 +446,10 @@ def row_sums(
     """
     _, free, _, products, paired = residuals
     total = noise + lights
-    parts = np.sqrt(model), total > 0, total, lights, free, products, paired
+    solved = total > 0
+    known = np.where(solved, total, 1)
+    own = np.sqrt(np.minimum(model, np.float32(UNIFORM)))
+    parts = own, solved, np.log(known), lights / known, free, products, paired
     return np.stack([part.sum(axis=1, dtype=np.float64) for part in parts], axis=1)
 
 
@@ -453,15 +460,15 @@ def common_error(sums: Float64) -> float:
     linear in the direction of the light turns normals and leaves no residual. Deviations below the
     noise of a pixel show in the mean product of all neighbours.
     """
-    own, pixels, total, lights, free, products, paired = sums.sum(axis=0)
+    own, pixels, logarithms, lights, free, products, paired = sums.sum(axis=0)
     if not pixels:
         return 0.0
     shown = (_COMMON * own / pixels) ** 2
-    if not (paired and total):
+    if not paired:
         return float(shown)
-    share = lights / total
+    share = lights / pixels
     spread = 1 / math.sqrt(paired) + share * math.sqrt(2 * pixels / free)
     excess = products / paired - share
     excess *= min(max(excess / (_SIGMAS * spread) - 1, 0.0), 1.0)
-    hidden = total / pixels * min(_BROAD * excess * (free / pixels + 3), _HIDDEN**2)
+    hidden = math.exp(logarithms / pixels) * min(_BROAD * excess * (free / pixels + 3), _HIDDEN**2)
     return float(max(shown, hidden))

@@ -53,13 +53,13 @@ from processing.noise.tile_reference import (
 from processing.stereo.pixel_algebra import ANY_ORDER, IN_PLACE, MAX_CONDITION
 from rig.arrays import Float32, Float64, Int64, Intp, UInt8, UInt16
 
-# Compiled in: processing/noise/light_table.py acd7d8743489
-# Compiled in: processing/noise/reflectance_residual.py 3406e1b2aaf5
-# Compiled in: processing/noise/sample_judgement.py c223a58d7055
-# Compiled in: processing/noise/tangents.py a4fbf9e3cc7a
-# Compiled in: processing/noise/tile_light_errors.py b269fa542fae
-# Compiled in: processing/noise/tile_reference.py ae8e7434cd07
-# Compiled in: processing/stereo/pixel_algebra.py c45e51bec347
+# Compiled in: processing/noise/light_table.py 90076fc2e8e0
+# Compiled in: processing/noise/reflectance_residual.py 8e9ef04d427c
+# Compiled in: processing/noise/sample_judgement.py b53acf422682
+# Compiled in: processing/noise/tangents.py c15e22457ed4
+# Compiled in: processing/noise/tile_light_errors.py 0a20057b039b
+# Compiled in: processing/noise/tile_reference.py 24546f8b4972
+# Compiled in: processing/stereo/pixel_algebra.py 59b512c7e227
 
 _STEPS = 4
 # As in `pixel_algebra`: trace(A) trace(A^-1) is at most 9 times the squared condition number.

@@ -70,7 +70,7 @@ _BY_HEIGHT, _BY_GLOSSY_HEIGHT = 0.01, 0.07
 DistanceChoice = float | Literal["estimate"] | None
 
 
-class _Geometry(NamedTuple):
+class Geometry(NamedTuple):
     """Lights to use, how pixels see points under near ones, and what is known of the height."""
 
     lights: Lights
@@ -82,7 +82,7 @@ class _Geometry(NamedTuple):
 def examination_of(
     source: Source,
     stack: Stack,
-    geometry: _Geometry,
+    geometry: Geometry,
     method: Method,
     on_progress: Progress,
 ) -> tuple[Examination, list[Notice]]:
@@ -110,7 +110,7 @@ def geometry_of(
     rests_on_plane: bool,
     distant: bool,
     light_distance_mm: DistanceChoice = None,
-) -> _Geometry:
+) -> Geometry:
     """Return the geometry of a source, before any image is read.
 
     Raises
@@ -125,7 +125,7 @@ def geometry_of(
             lights = lights.at_distance(light_distance_mm, middle_mm(source, view))
     elif lights.near:
         view = view_of(source, pixel_mm)
-    return _Geometry(lights, view, height_mm, rests_on_plane)
+    return Geometry(lights, view, height_mm, rests_on_plane)
 
 
 def check_facing(source: Source, mean_z: float) -> None:

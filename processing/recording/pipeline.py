@@ -34,6 +34,7 @@ from processing.recording.banded_normals import (
     map_forms,
     solve_bands,
 )
+from processing.recording.channel_choice import choose_colours
 from processing.recording.colour_normals import ColourSolver
 from processing.recording.error_bars import (
     ErrorBarMaps,
@@ -44,6 +45,7 @@ from processing.recording.error_bars import (
 from processing.recording.examination import (
     DistanceChoice,
     Examination,
+    Geometry,
     check_facing,
     examination_of,
     geometry_of,
@@ -119,6 +121,8 @@ class NormalsStage:
     method
         Method of `photometric_stereo`.
     channel
+        ``auto``: ``joint`` if a sample of images in colour shows that its normals are surer than
+        those of ``gray``, else ``gray``; the notice ``colours-used`` says so.
         ``gray``: normals from gray images, for which a mosaic is demosaiced. ``rgb``: one solution
         per channel; the normals are averaged with weights from the noise. ``joint``: one normal and
         one albedo per channel that explain the samples of all channels best. ``mosaic``: normals of
@@ -163,7 +167,7 @@ class NormalsStage:
     """
 
     method: Method = "best"
-    channel: StereoChannel = "gray"
+    channel: StereoChannel = "auto"
     distant: bool = False
     light_distance_mm: DistanceChoice = None
     height_mm: float | None = None
@@ -173,15 +177,24 @@ class NormalsStage:
     exclude_disagreeing: bool = False
     semi_calibrated: bool = False
 
-    @property
-    def needs_whole(self) -> bool:
-        """Whether the complete images and maps have to be in memory."""
-        return self.channel != "gray" or self.semi_calibrated
+    def needs_whole(self, source: Source) -> bool:
+        """Return whether the complete images and maps have to be in memory."""
+        solved_as_one = self.channel in ("rgb", "joint", "mosaic") or self.semi_calibrated
+        return solved_as_one or self._may_use_colours(source)
+
+    def _may_use_colours(self, source: Source) -> bool:
+        """Return whether the images decide if all colours are used."""
+        values = 3 * len(source.light_ids) * math.prod(source.size)
+        decides = self.channel == "auto" and not self.semi_calibrated
+        # The result must not depend on the memory, so a large recording is never solved in colour.
+        return (
+            decides and may_have_colour(source) and source.cfa is None and 4 * values <= _IN_MEMORY
+        )
 
     def need(self, source: Source) -> Need:
         """Return the memory for a recording, about."""
-        channels = 3 if self.channel in ("rgb", "joint") else 1
-        return _memory_need(source, channels, whole=self.needs_whole)
+        three = self.channel in ("rgb", "joint") or self._may_use_colours(source)
+        return _memory_need(source, 3 if three else 1, whole=self.needs_whole(source))
 
     def run(
         self, source: Source, files: MapFiles | None = None, on_progress: Progress = no_progress
@@ -202,6 +215,8 @@ class NormalsStage:
             distant=self.distant,
             light_distance_mm=self.light_distance_mm,
         )
+        if self.channel == "auto":
+            return self._run_chosen(source, geometry, files, on_progress)
         if geometry.lights.near and self.light_distance_mm is not None:
             source = replace(source, lights=geometry.lights)
         if files is not None and not files.replace:
@@ -300,6 +315,17 @@ class NormalsStage:
             store=store,
         )
 
+    def _run_chosen(
+        self, source: Source, geometry: Geometry, files: MapFiles | None, on_progress: Progress
+    ) -> Reconstruction:
+        """Run in gray, or from all colours if these are better."""
+        colours = None
+        if files is None and self._may_use_colours(source):
+            colours = choose_colours(source, geometry.lights, geometry.view, self.method)
+        chosen = replace(self, channel="gray" if colours is None else "joint")
+        made = chosen.run(source, files, on_progress)
+        return made if colours is None else replace(made, warnings=(*made.warnings, colours))
+
     def _check(self, source: Source) -> None:
         """Refuse choices that exclude each other, or do not fit the lights, by `DataError`."""
         positions = lights_of(source, distant=self.distant).near
@@ -361,7 +387,9 @@ class NormalsStage:
         self, source: Source, opened: ExitStack, on_progress: Progress, *, in_bands: bool
     ) -> Stack:
         """Return the stack of a source, in bands if it is large and not needed as a whole."""
-        channel: Channel = "rgb" if self.channel == "joint" else self.channel
+        channel: Channel = "rgb" if self.channel in ("rgb", "joint") else "gray"
+        if self.channel == "mosaic":
+            channel = self.channel
         values = len(source.light_ids) * math.prod(source.size) * (3 if channel == "rgb" else 1)
         if not in_bands and (self.semi_calibrated or 4 * values <= _IN_MEMORY):
             return linear_stack(source, channel=channel, on_progress=on_progress)
@@ -372,7 +400,7 @@ def reconstruct(
     source: Source,
     *,
     method: Method = "best",
-    channel: StereoChannel = "gray",
+    channel: StereoChannel = "auto",
     distant: bool = False,
     light_distance_mm: DistanceChoice = None,
     height_mm: float | None = None,
@@ -401,6 +429,8 @@ def reconstruct(
     method
         Method of `photometric_stereo`.
     channel
+        ``auto``: ``joint`` if a sample of images in colour shows that its normals are surer than
+        those of ``gray``, else ``gray``; the notice ``colours-used`` says so.
         ``gray``: normals from gray images, for which a mosaic is demosaiced. ``rgb``: one solution
         per channel; the normals are averaged with weights from the noise. ``joint``: one normal and
         one albedo per channel that explain the samples of all channels best. ``mosaic``: normals of

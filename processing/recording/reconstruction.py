@@ -16,7 +16,7 @@ from processing.checks.verdict import Verdict
 from processing.maps.metrics import AngularError
 from processing.maps.normal_map import NormalMap
 from processing.near.near_height import NearHeight
-from processing.noise.inconsistency import Inconsistency
+from processing.noise.inconsistency import POOLED, Inconsistency, mean_of
 from processing.noise.interreflection import reflected_variance
 from processing.noise.lens_blur import LensBlur
 from processing.noise.normal_errors import (
@@ -25,7 +25,7 @@ from processing.noise.normal_errors import (
     in_degrees,
     valid_reasons,
 )
-from processing.noise.pixel_variances import ALIKE, Origin
+from processing.noise.pixel_variances import ALIKE, UNIFORM, Origin
 from processing.noise.sample_kind import SampleKind
 from processing.series.ambient_light import AmbientLight
 from processing.series.light_distance import LightDistance
@@ -220,15 +220,22 @@ def finished_maps(
 
     inconsistent = Inconsistency.of(store["normals"], valid)
 
+    def beyond_noise(rows: slice) -> Float32:
+        rest = store["sigma"][rows] - store["noise"][rows] - store["common_sigma"][rows]
+        return np.asarray(np.clip(rest, 0, UNIFORM), np.float32)
+
+    typical = mean_of(beyond_noise, valid) if common > 0 else np.float32(0)
+
     def of_model(rows: slice) -> AnyArray:
         own: Float32 = store["sigma"][rows]
         found = np.full_like(own, common)
         if common > 0:
-            # The more of the variance is by the model, the more of it goes with the curl.
-            rest = own - store["noise"][rows] - store["common_sigma"][rows]
-            by_model = np.maximum(rest, 0) + common
+            pooled = np.float32(POOLED) * (typical - beyond_noise(rows))
+            found += pooled
+            # The more of the variance is by the model, the more of it goes with inconsistency.
+            by_model = beyond_noise(rows) + pooled + common
             factor = inconsistent.factor(store["normals"], valid, rows) - np.float32(1)
-            found += by_model**2 / (own + common) * factor
+            found += by_model**2 / (own + pooled + common) * factor
         found += reflected_variance(store["samples"], valid, rows)
         if blur is not None:
             found += blur.variance(store["normals"], store["noise"], valid, rows)

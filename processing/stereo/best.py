@@ -1,4 +1,4 @@
-"""Least trimmed squares, then a reflectance of two coefficients: the most accurate estimator."""
+"""A robust start, then a family of reflectances: the most accurate estimator."""
 
 from __future__ import annotations
 
@@ -23,23 +23,20 @@ from processing.stereo.pixel_algebra import (
 from processing.stereo.reflectance_fit import reflectance_fit
 from rig.arrays import Float32, Float64, Int64
 
-# Compiled in: processing/stereo/cauchy.py 2073a3bf3c30
-# Compiled in: processing/stereo/pixel_algebra.py c45e51bec347
-# Compiled in: processing/stereo/reflectance_fit.py 2611210f18bf
+# Compiled in: processing/stereo/cauchy.py 2f91469b6547
+# Compiled in: processing/stereo/pixel_algebra.py 59b512c7e227
+# Compiled in: processing/stereo/reflectance_fit.py 911ede79d414
 
 # Candidates per pixel, and the number of triples that are drawn to find as many.
-_CANDIDATES = 40
-_DRAWN = 120
+_CANDIDATES = 20
+_DRAWN = 60
 # Least determinant of the unit vectors of a triple.
 _DETERMINANT = 0.05
 # Share of the samples that determine the spread, and their least number.
 _SHARE = 0.4
 _LEAST_RANK = 5
-_CONCENTRATIONS = 5
-# Samples up to this multiple of the spread are fitted in a concentration step.
-_REACH = 1.5
-# Samples below this share of the mean show no light: an attached or a cast shadow.
-_DARK = 0.05
+# Samples below this share of the mean are shadows, and light from elsewhere in them.
+_DARK = 0.125
 
 # With fewer samples the subsets that agree are too small, and noise decides between them.
 _FEWEST = 16
@@ -48,7 +45,7 @@ _FEWEST = 16
 def best(
     values: Float32, vectors: Float32, law: Float32 | None = None, view: Float32 | None = None
 ) -> tuple[Float64, Float64]:
-    """Solve by least trimmed squares, then fit ``v = max(l . n, 0) (c0 + c1 (h . n)^2)``.
+    """Solve by least trimmed squares, then by the mean of a family of reflectances.
 
     Pixels whose residuals are noise keep the Lambertian model; those with fewer than 16 samples are
     solved by `cauchy`.
@@ -94,13 +91,7 @@ def _best_pixel(
             return True, m0, m1, m2
     if not x * x + y * y + z * z > 0:
         return True, m0, m1, m2
-    for k in range(count):
-        usable[0, k] *= per
-    x, y, z = reflectance_fit(
-        count, usable, view, _rank_of_spread(found), spread, scratch, gram, x, y, z
-    )
-    for k in range(count):
-        usable[0, k] /= per
+    x, y, z = reflectance_fit(found, bright, view, spread, scratch, gram, x, y, z)
     return True, x * length, y * length, z * length
 
 
@@ -113,7 +104,7 @@ def _solve_pixels(
     lights = values.shape[1]
     usable = np.zeros((6, lights), np.float32)
     bright = np.zeros((4, lights), np.float32)
-    scratch = np.zeros((10, lights), np.float32)
+    scratch = np.zeros((14, lights), np.float32)
     gram = np.zeros((5, 4))
     for p in range(first, last):
         of = p if len(vectors) > 1 else 0
@@ -176,8 +167,7 @@ def _least_trimmed(
     """Return the solution with the smallest spread of the residuals, and this spread.
 
     The candidates are the start (m0, m1, m2) and the solutions of random triples of lights
-    (Rousseeuw, 1984); the winner is concentrated (Rousseeuw and Van Driessen, 2006): least squares
-    over the samples that agree, while the spread decreases.
+    (Rousseeuw, 1984).
 
     Parameters
     ----------
@@ -186,12 +176,12 @@ def _least_trimmed(
     triples
         Triples of indices of all N lights; those of this pixel are in proportion.
     scratch
-        At least 2 rows of ``count`` elements.
+        At least 1 row of ``count`` elements.
     m0, m1, m2
         A first solution.
     """
     v, lx, ly, lz = usable[0], usable[1], usable[2], usable[3]
-    deviation, weight = scratch[0], scratch[1]
+    deviation = scratch[0]
     lights = usable.shape[1]
     rank = _rank_of_spread(count)
     _deviations(count, usable, m0, m1, m2, deviation)
@@ -223,19 +213,4 @@ def _least_trimmed(
         if count_up_to(deviation, count, spread) > rank:
             spread = ranked(deviation, count, rank, spread)
             m0, m1, m2 = float(x), float(y), float(z)
-    for _ in range(_CONCENTRATIONS):
-        x, y, z = np.float32(m0), np.float32(m1), np.float32(m2)
-        limit = np.float32(_REACH) * spread
-        for k in range(count):
-            shading = lx[k] * x + ly[k] * y + lz[k] * z
-            agrees = shading > 0 and abs(v[k] - shading) <= limit
-            weight[k] = np.float32(1) if agrees else np.float32(0)
-        solved, n0, n1, n2 = weighted_solution(count, usable, weight)
-        if not solved:
-            break
-        _deviations(count, usable, n0, n1, n2, deviation)
-        found = ranked(deviation, count, rank, spread)
-        if not found < spread:
-            break
-        m0, m1, m2, spread = n0, n1, n2, found
     return m0, m1, m2, spread

@@ -19,9 +19,12 @@ from processing.stereo.pixel_algebra import (
 )
 from rig.arrays import Float32, Float64
 
-# Compiled in: processing/stereo/pixel_algebra.py c45e51bec347
+# Compiled in: processing/stereo/pixel_algebra.py 59b512c7e227
 
 _ITERATIONS = 10
+# With n samples and 3 unknowns the median of |r| is too small; the factor is 1 + 5 / (n - 3)
+# (Rousseeuw and Leroy, 1987).
+FEW_SAMPLES = 5.0
 # The iteration ends at a step of 1e-4 of the vector's length (0.006 degree).
 _STEP2 = 1e-8
 # Smallest scale of the weights, relative to the vector's length: exact data has no spread.
@@ -34,7 +37,8 @@ def cauchy(
     """Solve ``value = max(vector . m, 0)`` by reweighted least squares.
 
     The iteration starts at the least-squares solution. It takes up to 10 steps with the weight
-    ``1 / (1 + (r / s)^2)``, where s is the scaled median of ``|r|`` (Holland and Welsch, 1977).
+    ``1 / (1 + (r / s)^2)``, where s is the median of ``|r|`` as a standard deviation (Holland and
+    Welsch, 1977).
     If the law of the noise is known, pixels whose residuals are noise are solved by weighted least
     squares instead, see `reweighted`: this is tried first, and again after the iteration.
 
@@ -62,6 +66,7 @@ def _iterated(
     v, lx, ly, lz = usable[0], usable[1], usable[2], usable[3]
     zero, one = np.float32(0), np.float32(1)
     guess = np.float32(0.01 * math.sqrt(m0 * m0 + m1 * m1 + m2 * m2))
+    to_sigma = np.float32(MAD_TO_SIGMA * (1.0 + FEW_SAMPLES / max(count - 3, 1)))
     for _ in range(_ITERATIONS):
         length2 = m0 * m0 + m1 * m1 + m2 * m2
         floor = np.float32(_SCALE_FLOOR * math.sqrt(length2))
@@ -72,7 +77,7 @@ def _iterated(
             shading[k] = lx[k] * x + ly[k] * y + lz[k] * z
             deviation[k] = abs(v[k] - max(shading[k], zero))
         guess = ranked(deviation, count, count // 2, max(guess, floor))
-        per_scale = one / (np.float32(MAD_TO_SIGMA) * guess + floor)
+        per_scale = one / (to_sigma * guess + floor)
         weight = shading
         for k in range(count):
             ratio = deviation[k] * per_scale

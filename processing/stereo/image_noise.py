@@ -6,7 +6,7 @@ import numpy as np
 
 from acquisition import DataError
 from calibration import StackNoise
-from processing.stereo.cauchy import cauchy
+from processing.stereo.cauchy import FEW_SAMPLES, cauchy
 from processing.stereo.frames import Frames
 from processing.stereo.least_squares import least_squares
 from processing.stereo.light_model import LightModel
@@ -29,10 +29,8 @@ _LEAST_LEFT = 0.3
 # normal distribution: edges and highlights change from pixel to pixel, too.
 _QUANTILE = 0.25
 _QUANTILE_TO_SIGMA = 1 / 0.31864
-# Largest standard deviation in those that the residuals of a robust fit show. With n samples their
-# median is too small; the factor is 1 + 5 / (n - 3) (Rousseeuw and Leroy, 1987).
+# Largest standard deviation in those that the residuals of a robust fit show.
 _LARGEST = 2.0
-_FEW_SAMPLES = 5.0
 # Least variance without light, relative to the least variance of the bins. The samples may not show
 # it, and too small a one makes outliers of all samples in shadow.
 _LEAST_FLOOR = 0.03
@@ -165,7 +163,7 @@ def law_of_images(frames: Frames, model: LightModel, mask: Bool) -> Float32 | No
     # In extreme units the law underflows to 0.
     spread = np.sqrt((1 - 3 / usable) * variance)
     ratio = np.abs(np.divide(residual, spread, out=np.zeros_like(spread), where=spread > 0))
-    ratio *= 1 + _FEW_SAMPLES / (usable - 3)
+    ratio *= 1 + FEW_SAMPLES / (usable - 3)
     largest = _LARGEST * MAD_TO_SIGMA * float(np.median(ratio[lit]))
     return np.asarray(law * min(largest, 1.0) ** 2, np.float32)
 

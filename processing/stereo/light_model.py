@@ -13,7 +13,7 @@ from processing.stereo.pixel_algebra import IN_PLACE, MAX_CONDITION
 from rig import in_threads, pluralize
 from rig.arrays import Bool, Float32, Float64, Intp
 
-# Compiled in: processing/stereo/pixel_algebra.py c45e51bec347
+# Compiled in: processing/stereo/pixel_algebra.py 59b512c7e227
 
 _FAST = {"contract", "nsz"}
 

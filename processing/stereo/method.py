@@ -7,7 +7,7 @@ from typing import Literal, get_args
 from acquisition import DataError
 
 Method = Literal["ls", "trimmed", "cauchy", "best"]
-StereoChannel = Literal["gray", "rgb", "joint", "mosaic"]
+StereoChannel = Literal["auto", "gray", "rgb", "joint", "mosaic"]
 METHODS: tuple[Method, ...] = get_args(Method)
 
 

@@ -83,11 +83,11 @@ def photometric_stereo(
         ``cauchy``: least squares reweighted up to 10 times by ``1 / (1 + (r / s)^2)`` with s from
         the median of ``|r|``; shadows, highlights and other outliers lose their weight (Holland
         and Welsch, 1977).
-        ``best``: least trimmed squares (Rousseeuw, 1984), then a fit of
-        ``max(n . l, 0) (c0 + c1 (n . h)^2)`` to the samples that agree, with the half vector h
-        between light and camera (compare Shi et al., 2014). It is the most accurate on
-        glossy and shadowed surfaces, and as accurate as the others on matte ones. With fewer than
-        16 samples it is ``cauchy``.
+        ``best``: the solution of a random triple of lights that agrees with most samples
+        (Rousseeuw, 1984), then the mean of the normals that a family of reflectances gives: matte
+        surfaces with GGX lobes of several widths or none (Walter et al., 2007), by how well each
+        explains the samples. It is the most accurate on glossy and shadowed surfaces, and nearly
+        as accurate as the others on matte ones. With fewer than 16 samples it is ``cauchy``.
     points_mm
         ``(H, W, 3)`` surface points in the house frame, for lights with positions: the light
         vectors are those of `Lights.vectors_at`. Ignored for distant lights.

@@ -18,7 +18,10 @@ from rig import in_threads
 from rig.arrays import Float32, Float64
 from rig.kernels import INLINED
 
-_STEPS = 2
+# Most steps of `reweighted`, which ends at one of 3e-4 of the vector's length (0.02 degree). After
+# 2 steps samples near the terminator still have weights of the given solution.
+_STEPS = 4
+_SETTLED2 = 1e-7
 # Samples beyond this many standard deviations are outliers, and at most this share may be.
 _CUT = 4.0
 _OUTLIERS = 0.1
@@ -238,6 +241,7 @@ def reweighted(
     ratio, weight, of_lit = scratch[0], scratch[1], scratch[2]
     n0, n1, n2 = m0, m1, m2
     zero, one = np.float32(0), np.float32(1)
+    settled = False
     for step in range(_STEPS + 1):
         x, y, z = np.float32(n0), np.float32(n1), np.float32(n2)
         lit = 0
@@ -262,13 +266,16 @@ def reweighted(
                 total += float(ratio[k]) ** 2 if weight[k] > zero else 0.0
             else:
                 weight[k] = zero
-        if step == _STEPS:
+        if settled or step == _STEPS:
             free = lit - 3.0
             most = _TOLERANCE * (free + _CHI2_SIGMAS * math.sqrt(2.0 * free))
             if agree >= count * (1.0 - _OUTLIERS) and total <= most:
                 return True, n0, n1, n2
             break
-        solved, n0, n1, n2 = weighted_solution(count, usable, weight)
+        solved, x0, x1, x2 = weighted_solution(count, usable, weight)
         if not solved:
             break
+        step2 = (x0 - n0) ** 2 + (x1 - n1) ** 2 + (x2 - n2) ** 2
+        settled = step2 <= _SETTLED2 * (x0 * x0 + x1 * x1 + x2 * x2)
+        n0, n1, n2 = x0, x1, x2
     return False, m0, m1, m2

@@ -1,4 +1,4 @@
-"""Normal and an isotropic reflectance of two coefficients, fitted to the samples of one pixel."""
+"""Normal of one pixel under a family of isotropic reflectances, compiled."""
 
 from __future__ import annotations
 
@@ -7,23 +7,36 @@ import math
 import numba
 import numpy as np
 
+from processing.stereo.cauchy import FEW_SAMPLES
 from processing.stereo.pixel_algebra import ANY_ORDER, IN_PLACE, ranked
 from rig.arrays import Float32, Float64
 
-# Compiled in: processing/stereo/pixel_algebra.py c45e51bec347
+# Compiled in: processing/stereo/cauchy.py 2f91469b6547
+# Compiled in: processing/stereo/pixel_algebra.py 59b512c7e227
 
-_ITERATIONS = 12
-# In the first iterations samples up to this multiple of the spread have weight 1, others 0.
-_FIRST = 2
+# The family, from coarse to fine: the lobe (h . n)^2, GGX lobes by their width, and no lobe.
+_SQUARE, _MATTE = 0.0, -1.0
+_FAMILY = (_SQUARE, 0.5, 0.25, 0.1, _MATTE)
+# Shares of the members before the samples are seen. Narrow lobes explain deviations of few samples.
+_PRIOR = (2.0, 1.0, 1.0, 1.0, 2.0)
+# Power of the reciprocal spread by which a member counts: the likelihood of 4 independent samples,
+# because residuals of a reflectance that is not in the family are alike for neighbouring lights.
+_POWER = 4
+# With fewer samples no lobe is fitted.
+_FEWEST = 8
+_STEPS = 3
+# The first member begins at a solution that may be far away.
+_FIRST_STEPS = 4
+# Samples up to this multiple of the spread of the given solution show the first member.
 _CUT = 4.0
-# Afterwards the weight is that of Cauchy, with this multiple of the spread as scale.
+# Scale of the weights of Cauchy, as a multiple of the median deviation of many samples.
 _CAUCHY = 2.0
+# The spread of samples without noise, relative to the albedo.
 _LEAST_SPREAD = 1e-4
-_RIDGE = 1e-6
-_LONGEST_STEP = 0.3
+# Nearly collinear strengths are drawn toward 0, steps of the normal shortened.
+_RIDGE, _DAMPING = 1e-6, 1e-4
+_LONGEST_STEP = 0.2  # rad
 _LEAST_Z = 0.02
-# The iteration ends at a step of 3e-4 rad (0.02 degree).
-_STEP = 3e-4
 
 
 @numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
@@ -39,38 +52,95 @@ def _half_vectors(count: int, usable: Float32, view: Float32, half: Float32) -> 
 
 
 @numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
+def _terms(
+    count: int, usable: Float32, half: Float32, width: np.float32,
+    n0: np.float32, n1: np.float32, n2: np.float32, terms: Float32,
+) -> None:  # fmt: skip
+    """Write the matte term, the lobe, its derivatives by l . n and h . n, and 1 where it is lit."""
+    lx, ly, lz = usable[1], usable[2], usable[3]
+    hx, hy, hz = half[0], half[1], half[2]
+    zero, one, two, four = np.float32(0), np.float32(1), np.float32(2), np.float32(4)
+    for k in range(count):
+        shading = lx[k] * n0 + ly[k] * n1 + lz[k] * n2
+        terms[0, k] = max(shading, zero)
+        terms[4, k] = one if shading > zero else zero
+        terms[5, k] = max(hx[k] * n0 + hy[k] * n1 + hz[k] * n2, zero)
+    if width == np.float32(_MATTE):
+        for k in range(count):
+            terms[1, k] = terms[2, k] = terms[3, k] = zero
+    elif width == np.float32(_SQUARE):
+        for k in range(count):
+            shading, along = terms[0, k], terms[5, k]
+            terms[1, k] = shading * along * along
+            terms[2, k] = terms[4, k] * along * along
+            terms[3, k] = two * along * shading
+    else:
+        a2 = width * width
+        rest = one - a2
+        for k in range(count):
+            shading, along = terms[0, k], terms[5, k]
+            root = np.sqrt(a2 + rest * shading * shading)
+            per = one / ((shading + root) * (shading + root) * root)
+            seen = two * shading * root * (shading + root) * per
+            inverse = one / (one - rest * along * along)
+            lobe = a2 * inverse
+            lobe *= lobe
+            terms[1, k] = seen * lobe
+            terms[2, k] = two * terms[4, k] * a2 * per * lobe
+            terms[3, k] = seen * lobe * four * rest * along * inverse
+
+
+@numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
+def _strengths(
+    count: int, v: Float32, terms: Float32, weight: Float32, free: bool
+) -> tuple[float, float]:
+    """Return the strengths of the matte term and the lobe; not negative unless they are free."""
+    a, b = terms[0], terms[1]
+    aa = ab = bb = av = bv = 0.0
+    for k in range(count):
+        wa, wb = weight[k] * a[k], weight[k] * b[k]
+        aa += wa * a[k]
+        ab += wa * b[k]
+        bb += wb * b[k]
+        av += wa * v[k]
+        bv += wb * v[k]
+    aa += _RIDGE * aa
+    bb += _RIDGE * aa
+    determinant = aa * bb - ab * ab
+    c0, c1 = (bb * av - ab * bv) / determinant, (aa * bv - ab * av) / determinant
+    if free or (c0 >= 0 and c1 >= 0):
+        return c0, c1
+    c0, c1 = max(av / aa, 0.0), max(bv / bb, 0.0)
+    return (c0, 0.0) if c0 * av > c1 * bv else (0.0, c1)
+
+
+@numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
 def _linearized(
-    count: int, usable: Float32, half: Float32,
-    n0: np.float32, n1: np.float32, n2: np.float32, c0: np.float32, c1: np.float32,
+    count: int, usable: Float32, half: Float32, terms: Float32, c0: np.float32, c1: np.float32,
     t0: np.float32, t1: np.float32, t2: np.float32, s0: np.float32, s1: np.float32, s2: np.float32,
     model: Float32,
 ) -> None:  # fmt: skip
-    """Write the derivatives by c0, c1 and the steps along t and s, the residuals, and ``|r|``."""
+    """Write the derivatives by the steps along t and s, the residuals, and ``|r|``."""
     v, lx, ly, lz = usable[0], usable[1], usable[2], usable[3]
     hx, hy, hz = half[0], half[1], half[2]
-    zero, two = np.float32(0), np.float32(2)
     for k in range(count):
-        shading = max(lx[k] * n0 + ly[k] * n1 + lz[k] * n2, zero)
-        along = hx[k] * n0 + hy[k] * n1 + hz[k] * n2
-        lobe = along * along
-        gloss = c0 + c1 * lobe
-        residual = v[k] - shading * gloss
-        lit = gloss if shading > zero else zero
-        slope = two * c1 * along * shading
-        model[0, k] = shading
-        model[1, k] = shading * lobe
-        model[2, k] = lit * (lx[k] * t0 + ly[k] * t1 + lz[k] * t2)
-        model[2, k] += slope * (hx[k] * t0 + hy[k] * t1 + hz[k] * t2)
-        model[3, k] = lit * (lx[k] * s0 + ly[k] * s1 + lz[k] * s2)
-        model[3, k] += slope * (hx[k] * s0 + hy[k] * s1 + hz[k] * s2)
-        model[4, k] = residual
-        model[5, k] = abs(residual)
+        by_shading = c0 * terms[4, k] + c1 * terms[2, k]
+        by_along = c1 * terms[3, k]
+        model[0, k] = by_shading * (lx[k] * t0 + ly[k] * t1 + lz[k] * t2)
+        model[0, k] += by_along * (hx[k] * t0 + hy[k] * t1 + hz[k] * t2)
+        model[1, k] = by_shading * (lx[k] * s0 + ly[k] * s1 + lz[k] * s2)
+        model[1, k] += by_along * (hx[k] * s0 + hy[k] * s1 + hz[k] * s2)
+        residual = v[k] - c0 * terms[0, k] - c1 * terms[1, k]
+        model[2, k] = residual
+        model[3, k] = abs(residual)
 
 
 @numba.njit(**IN_PLACE, fastmath=ANY_ORDER)
-def _normal_equations(count: int, model: Float32, weight: Float32, gram: Float64) -> None:
+def _normal_equations(
+    count: int, terms: Float32, model: Float32, weight: Float32, gram: Float64
+) -> None:
     """Write the lower triangle of the weighted 4 x 4 matrix, and the right-hand side as row 4."""
-    a, b, c, d, r = model[0], model[1], model[2], model[3], model[4]
+    a, b, c, d, r = terms[0], terms[1], model[0], model[1], model[2]
     g00 = g10 = g20 = g30 = g11 = g21 = g31 = g22 = g32 = g33 = 0.0
     r0 = r1 = r2 = r3 = 0.0
     for k in range(count):
@@ -118,89 +188,110 @@ def _solve_in_place(gram: Float64) -> bool:
 
 @numba.njit(**IN_PLACE, error_model="numpy")
 def reflectance_fit(
-    count: int, usable: Float32, view: Float32, rank: int, spread: np.float32, scratch: Float32,
+    count: int, usable: Float32, view: Float32, spread: np.float32, scratch: Float32,
     gram: Float64, m0: float, m1: float, m2: float,
 ) -> tuple[float, float, float]:  # fmt: skip
-    """Fit ``v = max(l . n, 0) (c0 + c1 (h . n)^2)`` from a Lambertian solution; return a new one.
+    """Return the mean normal of a family of reflectances, times the albedo that fits best.
 
-    h is the half vector between light and camera. Each step is one of Gauss and Newton with robust
-    weights (compare Shi et al., 2014, who use two bivariate polynomials).
+    Each member is ``v = c0 max(l . n, 0) + c1 s(l . n) D(h . n)`` with the half vector h between
+    light and camera: a matte part and a lobe. D is the distribution of GGX of one width, and s its
+    shadowing by Smith, in the separable form, times l . n (Walter et al., 2007). What depends only
+    on normal and camera is part of c1. A member begins at the normal of the one before; its steps
+    are those of Gauss and Newton with robust weights, where c0 and c1 are eliminated. The normals
+    are averaged with weights from the spreads of the residuals, so that noise, which would
+    select among members that explain the samples alike, does not decide.
 
     Parameters
     ----------
     count, usable
-        Samples of one pixel, see `usable_samples`, in a unit in which the albedo is about 1.
+        Samples that show light, see `usable_samples`, in a unit in which the albedo is about 1.
     view
         ``(3,)`` unit vector toward the camera.
-    rank, spread
-        Rank and value of the deviation that limits the scale of the weights.
+    spread
+        Spread of the residuals of the given solution.
     scratch
-        ``(10, N)`` or more.
+        ``(14, N)`` or more.
     gram
         ``(5, 4)``.
     m0, m1, m2
-        The Lambertian solution, not 0.
-
-    Returns
-    -------
-    tuple
-        Normal times the albedo that fits best.
+        A Lambertian solution, not 0.
     """
-    weight, model, half = scratch[0], scratch[1:7], scratch[7:10]
-    residual = model[5]
-    one, zero = np.float32(1), np.float32(0)
+    weight, terms, model, half = scratch[0], scratch[1:7], scratch[7:11], scratch[11:14]
+    v, residual = usable[0], model[3]
+    one, zero, least = np.float32(1), np.float32(0), np.float32(_LEAST_SPREAD)
     _half_vectors(count, usable, view, half)
-    c0 = math.sqrt(m0 * m0 + m1 * m1 + m2 * m2)
-    n0, n1, n2, c1 = m0 / c0, m1 / c0, m2 / c0, 0.0
-    guess = spread
-    for iteration in range(_ITERATIONS):
-        # Two unit vectors that are perpendicular to the normal, which does not face away.
-        turn = 1.0 / (1.0 + n2)
-        t0, t1, t2 = 1.0 - n0 * n0 * turn, -n0 * n1 * turn, -n0
-        s0, s1, s2 = t1, 1.0 - n1 * n1 * turn, -n1
-        _linearized(
-            count, usable, half,
-            np.float32(n0), np.float32(n1), np.float32(n2), np.float32(c0), np.float32(c1),
-            np.float32(t0), np.float32(t1), np.float32(t2),
-            np.float32(s0), np.float32(s1), np.float32(s2),
-            model,
-        )  # fmt: skip
-        if iteration < _FIRST:
-            limit = np.float32(_CUT) * (spread + np.float32(_LEAST_SPREAD))
-            for k in range(count):
-                weight[k] = one if residual[k] <= limit else zero
-        else:
-            guess = ranked(residual, count, rank, max(guess, np.float32(1e-5)))
-            per = one / (np.float32(_CAUCHY) * (min(guess, spread) + np.float32(_LEAST_SPREAD)))
+    length = math.sqrt(m0 * m0 + m1 * m1 + m2 * m2)
+    n0, n1, n2 = m0 / length, m1 / length, m2 / length
+    limit = np.float32(_CUT) * (spread + least)
+    for k in range(count):
+        shading = max(usable[1, k] * m0 + usable[2, k] * m1 + usable[3, k] * m2, 0.0)
+        weight[k] = one if abs(v[k] - shading) <= limit else zero
+    middle, guess = count // 2, max(spread, least)
+    scale = np.float32(_CAUCHY * (1.0 + FEW_SAMPLES / max(count - 3, 1)))
+    sum0 = sum1 = sum2 = c0 = 0.0
+    first = 0 if count >= _FEWEST else len(_FAMILY) - 1
+    for member in range(first, len(_FAMILY)):
+        width = _FAMILY[member]
+        k0, k1, k2 = n0, n1, n2
+        if member > first:
+            weight[:count] = one
+        for _ in range(_FIRST_STEPS if member == first else _STEPS):
+            # Two unit vectors that are perpendicular to the normal, which does not face away.
+            turn = 1.0 / (1.0 + n2)
+            t0, t1, t2 = 1.0 - n0 * n0 * turn, -n0 * n1 * turn, -n0
+            s0, s1, s2 = t1, 1.0 - n1 * n1 * turn, -n1
+            _terms(
+                count, usable, half, np.float32(width),
+                np.float32(n0), np.float32(n1), np.float32(n2), terms,
+            )  # fmt: skip
+            c0, c1 = _strengths(count, v, terms, weight, width <= 0)
+            _linearized(
+                count, usable, half, terms, np.float32(c0), np.float32(c1),
+                np.float32(t0), np.float32(t1), np.float32(t2),
+                np.float32(s0), np.float32(s1), np.float32(s2),
+                model,
+            )  # fmt: skip
+            guess = ranked(residual, count, middle, max(guess, np.float32(1e-5)))
+            per = one / (scale * (guess + least))
             for k in range(count):
                 ratio = residual[k] * per
                 weight[k] = one / (one + ratio * ratio)
-        _normal_equations(count, model, weight, gram)
-        ridge = _RIDGE * gram[0, 0]
-        for i in range(4):
-            gram[i, i] += ridge
-        gram[4, 1] -= ridge * c1
-        if not _solve_in_place(gram):
-            break
-        along_t, along_s = gram[4, 2], gram[4, 3]
-        size = math.sqrt(along_t * along_t + along_s * along_s)
-        if size > _LONGEST_STEP:
-            along_t, along_s = along_t * _LONGEST_STEP / size, along_s * _LONGEST_STEP / size
-        n0 += along_t * t0 + along_s * s0
-        n1 += along_t * t1 + along_s * s1
-        n2 = max(n2 + along_t * t2 + along_s * s2, _LEAST_Z)
-        length = math.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
-        n0, n1, n2 = n0 / length, n1 / length, n2 / length
-        c0 += gram[4, 0]
-        c1 += gram[4, 1]
-        if iteration > _FIRST and size < _STEP:
-            break
-    along = across = 0.0
-    for k in range(count):
-        shading = max(usable[1, k] * n0 + usable[2, k] * n1 + usable[3, k] * n2, 0.0)
-        along += weight[k] * shading * usable[0, k]
-        across += weight[k] * shading * shading
-    albedo = along / across
+            _normal_equations(count, terms, model, weight, gram)
+            gram[1, 1] += _RIDGE * gram[0, 0]
+            damping = _DAMPING * (gram[0, 0] + gram[2, 2] + gram[3, 3])
+            gram[2, 2] += damping
+            gram[3, 3] += damping
+            if not _solve_in_place(gram):
+                break
+            along_t, along_s = gram[4, 2], gram[4, 3]
+            size = math.sqrt(along_t * along_t + along_s * along_s)
+            if size > _LONGEST_STEP:
+                along_t, along_s = along_t * _LONGEST_STEP / size, along_s * _LONGEST_STEP / size
+            n0 += along_t * t0 + along_s * s0
+            n1 += along_t * t1 + along_s * s1
+            n2 = max(n2 + along_t * t2 + along_s * s2, _LEAST_Z)
+            length = math.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
+            n0, n1, n2 = n0 / length, n1 / length, n2 / length
+        if not math.isfinite(n0 + n1 + n2 + guess):
+            n0, n1, n2, guess = k0, k1, k2, max(spread, least)
+            continue
+        share = _PRIOR[member] / float(guess + least) ** _POWER
+        sum0 += share * n0
+        sum1 += share * n1
+        sum2 += share * n2
+    length = math.sqrt(sum0 * sum0 + sum1 * sum1 + sum2 * sum2)
+    n0, n1, n2 = sum0 / length, sum1 / length, sum2 / length
+    # The last member is matte: samples above it are gloss.
+    albedo, per = c0, one / (guess + least)
+    for _ in range(_STEPS):
+        along = across = 0.0
+        for k in range(count):
+            shading = max(usable[1, k] * n0 + usable[2, k] * n1 + usable[3, k] * n2, 0.0)
+            ratio = (v[k] - albedo * shading) * per
+            of_sample = shading / (1.0 + ratio * ratio)
+            along += of_sample * v[k]
+            across += of_sample * shading
+        albedo = along / across
     if not (albedo > 0 and math.isfinite(n0 + n1 + n2 + albedo)):
         return m0, m1, m2
     return n0 * albedo, n1 * albedo, n2 * albedo

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final, Literal, Protocol, get_args
 
@@ -64,6 +65,21 @@ class Notice:
 
     def __str__(self) -> str:
         return f"{self.where}: {self.text}" if self.where else self.text
+
+
+def listed(names: Iterable[str], most: int = 6, separator: str = ", ") -> str:
+    """Return the first names of a list, and how many more there are.
+
+    Examples
+    --------
+    >>> from rig import listed
+    >>> listed(["L01", "L02", "L03", "L04"], 2)
+    'L01, L02 and 2 more'
+    """
+    every = list(names)
+    before = " " if separator == ", " else separator
+    more = f"{before}and {len(every) - most} more" if len(every) > most else ""
+    return f"{separator.join(every[:most])}{more}"
 
 
 def pluralize(count: int, singular: str, plural: str | None = None) -> str:

@@ -178,7 +178,7 @@ class _Lines:
         if now_s - self._printed_s < _LINE_EVERY_S or not self._first < done < total:
             return
         left_s = (now_s - self._began_s) * (total - done) / (done - self._first)
-        note(f"{self._what}: {done} of {total}, about {left_s:.0f} s left")
+        note(f"{self._what}: {done / total:.0%} done, about {left_s:.0f} s left")
         self._printed_s = now_s
 
 

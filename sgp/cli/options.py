@@ -293,10 +293,11 @@ class SourceOptions(RemedyOptions):
     ----------
     method
         ls (plain least squares), trimmed (without the darkest and brightest fifth of the samples),
-        cauchy (gives shadows and highlights a low weight), or best (also fits the reflectance; the
+        cauchy (gives shadows and highlights a low weight), or best (also fits reflectances; the
         most accurate, but takes about three times as long as cauchy on glossy surfaces).
     channel
-        gray, rgb (one solution per channel, averaged), joint (one normal and one albedo per channel
+        auto (joint if its predicted errors are smaller than those of gray, else gray), gray,
+        rgb (one solution per channel, averaged), joint (one normal and one albedo per channel
         that explain all channels best), or mosaic (the normal of every site of a
         colour mosaic from its own samples, without interpolation between pixels).
     height_mm
@@ -307,7 +308,7 @@ class SourceOptions(RemedyOptions):
     """
 
     method: processing.Method = "best"
-    channel: processing.stereo.StereoChannel = "gray"
+    channel: processing.stereo.StereoChannel = "auto"
     height_mm: Millimetres | None = None
     rests_on_plane: bool = False
 

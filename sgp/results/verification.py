@@ -192,8 +192,7 @@ def _check_inputs(inputs: Mapping[tuple[str, str], Path], found: Verification) -
             found.notices.append(rig.Notice("input-changed", text, str(places[0]), "error"))
     found.inputs_missing = len(missing)
     if missing:
-        more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
-        text = f"not there, and so not compared: {missing[0]}{more}"
+        text = f"not there, and so not compared: {rig.listed(map(str, missing), 1)}"
         found.notices.append(rig.Notice("input-missing", text, severity="info"))
 
 

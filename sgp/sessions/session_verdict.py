@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from math import isnan, nan
 
 import numpy as np
@@ -89,6 +89,5 @@ def _clipped(lines: Iterable[FrameLine]) -> float:
 
 
 def _listed(names: Iterable[str]) -> str:
-    named: Sequence[str] = [*names]
-    more = f" and {len(named) - _LISTED} more" if len(named) > _LISTED else ""
-    return f": {', '.join(named[:_LISTED])}{more}" if named else ""
+    named = rig.listed(names, _LISTED)
+    return f": {named}" if named else ""

@@ -78,18 +78,18 @@ class Limit:
         with other_maps_refused():
             acquisition.files.check_unfinished(self.path, {"options": option})
         if self.memory is not None and self.memory < need.whole:
-            raise needs_maps(self.memory, need, option)
+            raise needs_maps(self.memory, need, option, f"leave {option} out")
 
     def bytes_of_bands(self, need: processing.stages.Need) -> int:
         """Return the bytes for bands: the limit, or the least if even that is not free."""
         return max(rig.processes.memory_budget(self.memory), need.least)
 
 
-def needs_maps(memory: int, need: processing.stages.Need, option: str) -> UsageError:
+def needs_maps(memory: int, need: processing.stages.Need, option: str, remedy: str) -> UsageError:
     """Return the error of a limit that is too small for an option, which states what suffices."""
     return UsageError(
         f"--memory {size_text(memory)} is too small for {need.of} with {option}, which needs the "
-        f"complete maps: give --memory {size_text(need.whole)}, or leave {option} out"
+        f"complete maps: give --memory {size_text(need.whole)}, or {remedy}"
     )
 
 

@@ -82,11 +82,12 @@ def are_normals_in_files(
         If the memory is too small.
     """
     need = stage.need(source)
-    if not stage.needs_whole:
+    if not stage.needs_whole(source):
         return is_in_bands(memory, need)
     if memory is not None and need.whole > rig.processes.memory_budget(memory):
         option = "--semi-calibrated" if stage.semi_calibrated else f"--channel {stage.channel}"
-        raise needs_maps(memory, need, option)
+        remedy = "give --channel gray" if stage.channel == "auto" else f"leave {option} out"
+        raise needs_maps(memory, need, option, remedy)
     return False  # without a limit, perhaps there is enough
 
 

@@ -260,7 +260,8 @@ def test_images_that_are_left_out_need_no_light(
     source = read_source(folder, lights=lights, without=without)
     assert source.light_ids == tuple(f"a.{i}" for i in range(6) if str(i) not in "".join(without))
     assert indices(source.lights) == expected
-    assert bool(source.warnings) == isinstance(known, int)
+    by_order = "lights-matched-by-order" in [notice.code for notice in source.warnings]
+    assert by_order == isinstance(known, int)
 
 
 def names(known: Iterable[int]) -> tuple[str, ...]:
@@ -279,6 +280,13 @@ def test_an_image_that_is_left_out_next_to_one_without_a_light(tmp_path: Path) -
     assert read_source(folder, without=["3"]).light_ids == names([0, 1, 2, 4, 5])
     with pytest.raises(DataError, match="no image is named"):
         read_source(folder, without=["7"])
+
+
+def test_lights_without_an_image_are_listed(tmp_path: Path) -> None:
+    folder = fill(tmp_path, *[f"a.{i}.png" for i in (0, 1, 3, 5)])
+    (notice,) = read_source(folder, lights=cone(6, names(range(6)))).warnings
+    assert notice.code == "lights-without-image"
+    assert "a.2, a.4" in notice.text
 
 
 def test_different_numbers_of_lights_and_images_are_refused(tmp_path: Path) -> None:

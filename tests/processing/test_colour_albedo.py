@@ -69,7 +69,11 @@ def test_the_albedo_has_the_colour_of_the_surface(tmp_path, method) -> None:
     source = read_source(save(tmp_path / "rgb", shaded(lights), mask), lights=lights)
     stages = []
     result = reconstruct(
-        source, method=method, surface=False, on_progress=lambda *step: stages.append(step)
+        source,
+        method=method,
+        channel="gray",
+        surface=False,
+        on_progress=lambda *step: stages.append(step),
     )
     assert result.albedo.shape == (HEIGHT, WIDTH, 3)
     assert relative_error(result.albedo).max() < 1e-3
@@ -84,7 +88,7 @@ def test_highlights_and_shadows_do_not_change_the_colour(tmp_path) -> None:
     images[2, 10:26, 8:32] += 0.6  # white gloss
     images[6, 4:20, 5:30] = 0  # a cast shadow
     source = read_source(save(tmp_path / "rgb", images, mask), lights=lights)
-    result = reconstruct(source, surface=False)
+    result = reconstruct(source, channel="gray", surface=False)
     assert relative_error(result.albedo).max() < 0.03
     # The plain sums over the images are wrong by much more.
     plain = images.mean(axis=0)
@@ -99,7 +103,7 @@ def test_coloured_lights_and_an_unlit_image(tmp_path) -> None:
     images = shaded(distant()) * strength[:, None, None]
     images[3] = 0
     source = read_source(save(tmp_path / "rgb", images, mask), lights=lights)
-    result = reconstruct(source, surface=False)
+    result = reconstruct(source, channel="gray", surface=False)
     assert len(result.lights) == COUNT - 1
     assert relative_error(result.albedo).max() < 2e-3
 
@@ -113,7 +117,7 @@ def test_near_lights(tmp_path) -> None:
     images = shaded(lights, np.nan_to_num(surface.points()))
     folder = save(tmp_path / "rgb", images / 2, mask)
     source = read_source(folder, lights=lights, camera=CAMERA)
-    result = reconstruct(source, surface=False)
+    result = reconstruct(source, channel="gray", surface=False)
     assert result.lights.near
     assert relative_error(2 * result.albedo).max() < 2e-3
 
@@ -136,7 +140,7 @@ def test_sources_without_colour_have_a_gray_albedo(tmp_path) -> None:
     gray = luma(shaded(lights).astype(np.float32))
     for name, images in (("gray", gray), ("rgb", np.repeat(gray[..., None], 3, axis=3))):
         source = read_source(save(tmp_path / name, images, mask), lights=lights)
-        result = reconstruct(source, surface=False)
+        result = reconstruct(source, channel="gray", surface=False)
         np.testing.assert_array_equal(result.albedo, result.gray_albedo)
 
 

@@ -125,6 +125,22 @@ def test_the_average_is_close_to_the_bound_and_better_than_gray(colour):
     assert average < 1.01 * gray
 
 
+@pytest.mark.parametrize(
+    ("colour", "used"), [((0.1, 0.2, 0.8), True), ((0.2, 0.9, 0.1), False)], ids=["blue", "green"]
+)
+def test_all_colours_are_used_if_they_are_surer_than_gray(colour, used):
+    """Luma has the weights of the eye: blue light counts for little, green for most."""
+    chosen, gray, joint = (
+        reconstruct(recording(colour), method="ls", channel=channel, surface=False)
+        for channel in ("auto", "gray", "joint")
+    )
+    like = joint if used else gray
+    np.testing.assert_array_equal(chosen.normals.normals, like.normals.normals)
+    assert ("colours-used" in {notice.code for notice in chosen.warnings}) == used
+    if used:
+        assert rms_deg(chosen) < 0.9 * rms_deg(gray)
+
+
 @pytest.mark.parametrize("channel", ["rgb", "gray"])
 def test_errors_are_as_large_as_predicted(channel):
     result = reconstruct(recording((0.8, 0.3, 0.1), seed=8), method="ls", channel=channel)

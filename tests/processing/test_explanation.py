@@ -18,6 +18,8 @@ from tests.cases import cases
 
 HEIGHT, WIDTH = 112, 128
 ABOVE_MM = 450.0
+# Samples of radiance, where 1 is white.
+SCALE = 1.5
 
 
 def lights_of(count: int, seed: int) -> Lights:
@@ -60,7 +62,7 @@ class Recording:
 
 def verdict_of(recording: Recording, folder: str) -> Verdict:
     for name, image in zip(recording.lights.ids, recording.images, strict=True):
-        level = np.clip(image * 0.9 / 0.6, 0, 1) * 65535
+        level = np.clip(image * SCALE, 0, 1) * 65535
         write_png(f"{folder}/{name}.png", np.rint(level).astype(np.uint16))
     write_png(f"{folder}/mask.png", np.full((HEIGHT, WIDTH), 255, np.uint8))
     source = read_source(folder, lights=recording.lights)
@@ -90,9 +92,21 @@ def _(r: Recording) -> None:
     r.images = r.images + 0.1 * r.albedo * (1 + r.normals[..., 2]) / 2
 
 
+@change("ambient-light-changes")
+def _(r: Recording) -> None:
+    shares = np.random.default_rng(6).uniform(0, 0.1, len(r.images))[:, None, None]
+    r.images = r.images + shares * r.albedo * (1 + r.normals[..., 2]) / 2
+
+
 @change("transfer-curve-doubtful")
 def _(r: Recording) -> None:
     r.images = np.clip(r.images, 0, 1) ** 0.6
+
+
+@change("tone-curve")
+def _(r: Recording) -> None:
+    stored = r.images * SCALE
+    r.images = (stored - 0.05 * np.sin(2 * np.pi * stored)) / SCALE
 
 
 @change("light-brightness")

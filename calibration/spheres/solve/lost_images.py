@@ -10,7 +10,7 @@ import numpy as np
 from calibration._errors import EstimateError
 from calibration.radiance.stack import Stack
 from calibration.spheres.outline.sphere_image import SphereImage, places
-from rig import Notice, pluralize
+from rig import Notice, listed, pluralize
 from rig.arrays import Float64, Intp
 
 # The brightest pixel of a black image, relative to that of the others: rounding leaves a little.
@@ -66,8 +66,7 @@ class LostImages:
         lost = self.lights
         if len(names) - len(lost) < LEAST_SHARE * len(names):
             reasons = [text for _, _, text in self.reasons(names)]
-            more = f"; and {len(reasons) - _LISTED} more" if len(reasons) > _LISTED else ""
-            text = f"{'; '.join(reasons[:_LISTED])}{more}"
+            text = listed(reasons, _LISTED, "; ")
             it = _it(lost)
             raise _lost(f"{text}: {_AGAIN.format(it)}, or leave {it} out", names, lost)
 
@@ -277,9 +276,7 @@ def left_out(
 
 def named(names: Sequence[str], which: Sequence[int] | Lights, most: int = 4) -> str:
     """Return a text that names lights, at most so many."""
-    more = f" and {len(which) - most} more" if len(which) > most else ""
-    some = ", ".join(names[k] for k in which[:most])
-    return f"light{'s' if len(which) > 1 else ''} {some}{more}"
+    return f"light{'s' if len(which) > 1 else ''} {listed([names[k] for k in which], most)}"
 
 
 def _where(several: Lights, images: Sequence[SphereImage]) -> str:
