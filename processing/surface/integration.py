@@ -63,7 +63,7 @@ def integrate(
         mean depth of each part is that of these values.
     sigma_deg
         ``(H, W)`` standard deviations of the normals in degrees, as `NormalUncertainty.sigma_deg`:
-        edges count by their reciprocal variance. A normal whose deviation is NaN counts as the
+        edges count by their reciprocals. A normal whose deviation is NaN counts as the
         least certain one. Default: all normals are equally certain.
     common_sigma_deg
         The part of ``sigma_deg`` that all pixels have in common, as
