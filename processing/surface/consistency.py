@@ -152,7 +152,7 @@ def consistency_warning(angles: StepAngles, shape: Integrability, *, smooth: boo
             f"{angles.median_deg:.1f}). Steps in depth bend a smooth surface: its height is "
             "wrong near them, and over long distances"
         )
-        return [Notice("surface-bent", text)]
+        return [Notice("surface-differs", text)]
     return []
 
 

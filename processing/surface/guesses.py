@@ -61,8 +61,8 @@ class Guesses(NamedTuple):
     ) -> Float64:
         """Return a standard deviation for the height of each guess.
 
-        It is the root mean square of what the edges around the piece contradict: they agree where
-        the surface is continuous, and differ by the jumps elsewhere.
+        No normal knows it: the piece may be off by what the edges around it contradict, and by
+        about as much as its own heights vary.
 
         Parameters
         ----------
@@ -82,4 +82,11 @@ class Guesses(NamedTuple):
                 own = ends >= 0
                 squares += np.bincount(ends[own], off[own], self.number)
                 counts += np.bincount(ends[own], minlength=self.number)
-        return np.asarray(np.sqrt(squares / np.maximum(counts, 1)))
+        own = pieces >= 0
+        sizes = np.bincount(pieces[own], minlength=self.number)
+        means, means2 = (
+            np.bincount(pieces[own], u.ravel()[own] ** power, self.number) / sizes
+            for power in (1, 2)
+        )
+        variances = squares / np.maximum(counts, 1) + np.maximum(means2 - means**2, 0)
+        return np.asarray(np.sqrt(variances))
