@@ -104,14 +104,8 @@ def test_a_guessed_height_has_a_large_deviation() -> None:
     top = np.nanmedian(surface.uncertainty.sigma[guessed])
     assert top > 3  # px, of a radius of 30
     # A known height on it ends the guess.
-    known = np.full((101, 101), np.nan, np.float32)
-    known[50, 50], known[2, 2] = 30, 0
-    fixed = integrate(
-        normals,
-        sigma_deg=sigma,
-        height_errors=True,
-        prior=HeightPrior(known, np.full((101, 101), 0.01, np.float32), "px"),
-    )
+    prior = HeightPrior.from_points([[50, 50], [2, 2]], [30, 0], 0.01, (101, 101))
+    fixed = integrate(normals, sigma_deg=sigma, height_errors=True, prior=prior)
     assert fixed.uncertainty is not None
     assert np.nanmedian(fixed.uncertainty.sigma[guessed]) < 0.1 * top
 
