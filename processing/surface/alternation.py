@@ -9,6 +9,7 @@ import numpy as np
 from processing.surface import jump_kernels as kernels
 from processing.surface.anchors import Anchors
 from processing.surface.grid_graph import apply_laplacian, divergence
+from processing.surface.jump_evidence import JumpEvidence
 from processing.surface.multigrid import solve
 from rig.arrays import Float32, Float64
 
@@ -193,11 +194,12 @@ class Alternation:
         done = number + 1 - fresh
         return Alternated(u, weights, done, iterations, relative, self.scale * change.u, width)
 
-    def contradiction(self, u: Float64, witness: Pair) -> float:
+    def contradiction(self, u: Float64, evidence: JumpEvidence) -> float:
         """Return about the weight of the edges that a surface contradicts by half a pixel."""
+        each = zip(evidence.witness, evidence.order, self.edges[2:], strict=True)
         return sum(
-            float(kernels.contradiction(u, each, steps, axis, self.scale).sum())
-            for axis, (each, steps) in enumerate(zip(witness, self.edges[2:], strict=True))
+            float(kernels.contradiction(u, *edges, axis, self.scale).sum())
+            for axis, edges in enumerate(each)
         )
 
     def _residuals(self, u: Float64, out: Pair) -> None:

@@ -171,18 +171,19 @@ class ChordRule:
         self.cell = cell
         # Pixels for a step of 1.
         self.step_px = 1.0 if camera is None else camera.focal_px / cell
-        self._rays: Float64 | None = None
+        # Directions of the pixels from the camera; None for an orthographic view.
+        self.rays: Float64 | None = None
         if camera is not None:
             rows, columns = (slice(each.start, each.stop, cell) for each in window)
             y, x = np.mgrid[rows, columns]
-            self._rays = camera.rays(np.stack([x, y], axis=-1) + (cell - 1) / 2)
+            self.rays = camera.rays(np.stack([x, y], axis=-1) + (cell - 1) / 2)
 
     def edges(self, normals: Float32, mask: Bool) -> tuple[Float32, Float32, Float64, Float64]:
         """Return weights and steps of the edges to the right and down, in a border of one pixel."""
-        if self._rays is None:
+        if self.rays is None:
             right, down, *steps = orthographic_edges(normals, mask)
         else:
-            right, down, *steps = perspective_edges(normals, mask, self._rays)
+            right, down, *steps = perspective_edges(normals, mask, self.rays)
         if self._smooth:
             self.correct(normals, (right, down), (steps[0], steps[1]))
         return right, down, steps[0], steps[1]
@@ -191,7 +192,7 @@ class ChordRule:
         self, normals: Float32, edges: tuple[Float32, Float32], steps: tuple[Float64, Float64]
     ) -> None:
         """Correct steps in place where the surface is smooth: where it has the given edges."""
-        extrapolate(normals, self._rays, edges, steps, self.step_px)
+        extrapolate(normals, self.rays, edges, steps, self.step_px)
 
     def halved(self) -> ChordRule:
         """Return the rule for pixels of twice the size."""
@@ -200,9 +201,9 @@ class ChordRule:
     @property
     def halving(self) -> float:
         """What a solution of the halved rule is multiplied by: heights are in its pixels."""
-        return 2.0 if self._rays is None else 1.0
+        return 2.0 if self.rays is None else 1.0
 
     def facing(self, normals: Float32, mask: Bool) -> Float32:
         """Return the cosines between normals and lines of sight in a border, 0 outside the mask."""
-        cosines = normals[..., 2] if self._rays is None else facing_cosines(normals, self._rays)
+        cosines = normals[..., 2] if self.rays is None else facing_cosines(normals, self.rays)
         return np.pad(np.where(mask, cosines, np.float32(0)), 1)

@@ -15,6 +15,9 @@ import numba
 import numpy as np
 
 from rig.arrays import Float32, Float64, Int64
+from rig.kernels import PART
+
+# Compiled in: rig/kernels/parts.py 986f6e8c38a7
 
 Pair = tuple[Float32, Float32]
 
@@ -47,13 +50,18 @@ class JumpEvidence(NamedTuple):
         1 without an edge.
     witness
         ``(H+2, W+2)`` float32 weights of their steps as witnesses of relative heights: those of the
-        chord rule, less where the normals turn.
+        chord rule, times the probabilities, less where the normals turn.
+    order
+        ``(H+2, W+2)`` float32 -1..1 weights against larger (positive) or smaller (negative) steps:
+        where the surface jumps, the pixel whose normal leans towards the other hides what is
+        behind it.
     suspects
         Share of the edges that are suspect.
     """
 
     continuity: Pair
     witness: Pair
+    order: Pair
     suspects: float
 
     def sure(self, edges: Pair) -> tuple[Float32, Float32]:
@@ -71,6 +79,7 @@ def jump_evidence(
     steps: tuple[Float64, Float64],
     step_px: float,
     factors: Pair | None = None,
+    rays: Float64 | None = None,
 ) -> JumpEvidence:
     """Return what normals say about jumps.
 
@@ -84,6 +93,8 @@ def jump_evidence(
         Pixels for a step of 1.
     factors
         ``(H+2, W+2)`` factors of the weights, from the deviations of the normals.
+    rays
+        ``(H, W, 3)`` directions of the pixels from the camera; None for an orthographic view.
     """
     known = edges if factors is None else (edges[0] * factors[0], edges[1] * factors[1])
     curls, spreads = _curls(known[0], known[1], steps[0], steps[1], step_px)
@@ -101,7 +112,9 @@ def jump_evidence(
         found = _judge(edges[axis], curls, spreads, axis, usual, noise, turns[axis], witness[axis])
         suspects += int(found.sum())
     count = int(np.count_nonzero(edges[0])) + int(np.count_nonzero(edges[1]))
-    return JumpEvidence(turns, witness, suspects / max(count, 1))
+    seen = np.zeros((0, 0, 3)) if rays is None else rays
+    order = _order(normals, seen, turns[0], 0), _order(normals, seen, turns[1], 1)
+    return JumpEvidence(turns, witness, order, suspects / max(count, 1))
 
 
 def _median(values: Float32) -> float:
@@ -146,6 +159,39 @@ def _turns(normals: Float32, edges: Float32, vertical: int) -> Float32:
     return out
 
 
+@numba.njit(**PART)
+def _lean(normals: Float32, rays: Float64, r: int, c: int, vertical: int) -> float:
+    """Return the part of a normal that points to the right (down) in the image."""
+    x, y, z = float(normals[r, c, 0]), float(normals[r, c, 1]), float(normals[r, c, 2])
+    if len(rays) == 0:
+        return -y if vertical else x
+    # The direction in the image that is at right angles to the line of sight.
+    sight = rays[r, c]
+    length2 = sight[0] ** 2 + sight[1] ** 2 + sight[2] ** 2
+    along = -sight[1] if vertical else sight[0]
+    facing = x * sight[0] + y * sight[1] + z * sight[2]
+    lean = (-y if vertical else x) - along * facing / length2
+    return lean / math.sqrt(1 - along**2 / length2)
+
+
+@numba.njit(parallel=True, cache=True)
+def _order(normals: Float32, rays: Float64, continuity: Float32, vertical: int) -> Float32:
+    """Return the weights against larger steps; negative: against smaller ones."""
+    rows, columns = continuity.shape
+    # Of logarithms of depths, the larger one is behind.
+    upward = 1 if len(rays) == 0 else -1
+    out = np.zeros((rows, columns), np.float32)
+    for r in numba.prange(1, rows - 1):
+        for c in range(1, columns - 1):
+            if continuity[r, c] < 1:
+                # Where a rounded part ends, its normal leans towards what it hides.
+                here = max(_lean(normals, rays, r - 1, c - 1, vertical), 0.0)
+                q, d = r - 1 + vertical, c - vertical
+                there = max(-_lean(normals, rays, q, d, vertical), 0.0)
+                out[r, c] = upward * (1 - continuity[r, c]) * (here**4 - there**4)
+    return out
+
+
 @numba.njit(parallel=True, cache=True)
 def _judge(
     edges: Float32,
@@ -176,6 +222,6 @@ def _judge(
             curl = math.sqrt(largest)
             odds = (math.sqrt(turn2) + _TURN_DEG) * (curl + _CURL_PX) ** (4 / 3) / _EVEN
             turns[r, c] = 1 / (1 + odds)
-            witness[r, c] = edges[r, c] / (1 + turn2 / _WITNESS_DEG**2) ** 2
+            witness[r, c] = edges[r, c] * turns[r, c] / (1 + turn2 / _WITNESS_DEG**2) ** 2
             suspects[r] += turns[r, c] < SURE
     return suspects

@@ -141,16 +141,20 @@ def residuals(
 
 @numba.njit(parallel=True, cache=True)
 def contradiction(
-    u: Float64, witness: Float32, steps: Float64, vertical: int, scale: float
+    u: Float64, witness: Float32, order: Float32, steps: Float64, vertical: int, scale: float
 ) -> Float64:
     """Return, for each row, the sum of w r^2 / (r^2 + s^2) of the residuals r of its edges.
+
+    The weight w is that of the witness, and that of the order if the residual has the same sign.
 
     Parameters
     ----------
     u
         ``(H+2, W+2)`` float64 surface.
     witness
-        ``(H+2, W+2)`` float32 weights w.
+        ``(H+2, W+2)`` float32 weights.
+    order
+        ``(H+2, W+2)`` float32 weights against positive residuals; negative: against negative ones.
     steps
         ``(H+2, W+2)`` float64 steps along the edges.
     vertical
@@ -165,7 +169,10 @@ def contradiction(
         total = 0.0
         for c in range(1, columns - 1):
             off = scale * (u[q, c + 1 - vertical] - u[r, c] - steps[r, c])
-            total += witness[r, c] * off * off / (off * off + _CONTRADICTING_PX**2)
+            weight = witness[r, c]
+            if off * order[r, c] > 0:
+                weight += abs(order[r, c])
+            total += weight * off * off / (off * off + _CONTRADICTING_PX**2)
         sums[r] = total
     return sums
 

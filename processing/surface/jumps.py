@@ -33,8 +33,8 @@ LEAST_SUSPECTS: Final = 2e-5
 # median, in the last round, it is reported as not settled.
 _SETTLED_PX = 0.1
 _SETTLED_QUANTILE = 0.9
-# Edges with more trust hold a piece together while pieces are placed, one after the other.
-_THRESHOLDS = (0.95, 0.9, 0.85, 0.8, 0.7, 0.6)
+# How often pieces are placed at most.
+_PLACEMENTS = 4
 # In a map with more pixels, pieces are searched in one of half the size.
 _LARGEST_SEARCH = 150_000
 # Normals of a square of pixels whose sum is shorter have no mean.
@@ -167,7 +167,7 @@ class JumpProblem:
         """
         right, down, *steps = edges
         evidence = jump_evidence(
-            normals, (right, down), (steps[0], steps[1]), chords.step_px, factors
+            normals, (right, down), (steps[0], steps[1]), chords.step_px, factors, chords.rays
         )
         if evidence.suspects < least:
             return None
@@ -190,7 +190,7 @@ class JumpProblem:
 
     def contradiction(self, u: Float64) -> float:
         """Return about the weight of the edges that a surface contradicts by half a pixel."""
-        return self.alternation.contradiction(u, self.evidence.witness)
+        return self.alternation.contradiction(u, self.evidence)
 
     def solved(self, on_progress: Progress = no_progress) -> tuple[Solution, Jumps, Pair]:
         """Return the surface under the last weights, where it jumps, and these weights.
@@ -235,33 +235,29 @@ class JumpProblem:
         """Compute surface and weights in turn, and place pieces.
 
         Where the normals of both sides differ little, only abrupt turns of smoothed normals show a
-        rim; elsewhere they are misleading. Of two starts, with and without them, that continues
-        which fewer edges contradict. Then pieces are moved to where the edges between them agree:
-        small ones first, which only the surest edges hold together. Of all these surfaces, the
-        least contradicted one is returned.
+        rim; elsewhere they are misleading. From two starts, with and without them, pieces are moved
+        to where the edges between them agree, as long as fewer edges contradict the surface. The
+        least contradicted surface is returned.
         """
-        problem, witness = self.alternation, self.evidence.witness
-        even = evenness(self.normals, self.mask, problem.edges[:2])
-        starts = [problem.solved(), problem.solved(even)]
-        best = found = min(starts, key=lambda start: self.contradiction(start.u))
-        least = self.contradiction(found.u)
-        iterations = sum(start.iterations for start in starts)
-        for threshold in _THRESHOLDS:
-            u = placed(
-                found.u,
-                (problem.edges[2], problem.edges[3]),
-                witness,
-                problem.trust(found.u),
-                threshold,
-                problem.scale,
-                problem.held,
-            )
+        even = evenness(self.normals, self.mask, self.alternation.edges[:2])
+        plain, least, iterations = self._placed(self.alternation.solved())
+        other, less, more = self._placed(self.alternation.solved(even))
+        return (other if less < least else plain), iterations + more
+
+    def _placed(self, best: Alternated) -> tuple[Alternated, float, int]:
+        """Place the pieces of a surface; return also its contradiction, and all iterations."""
+        problem = self.alternation
+        least, iterations = self.contradiction(best.u), best.iterations
+        for _ in range(_PLACEMENTS):
+            trust = problem.trust(best.u)
+            u = placed(best.u, problem.edges[2:], self.evidence, trust, problem.scale, problem.held)
             found = problem.solved(after=u)
             iterations += found.iterations
             contradiction = self.contradiction(found.u)
-            if contradiction < least:
-                best, least = found, contradiction
-        return best, iterations
+            if contradiction >= least:
+                break
+            best, least = found, contradiction
+        return best, least, iterations
 
     def _halved(self) -> JumpProblem:
         """Return the problem of a map of half the size."""
