@@ -16,10 +16,10 @@ _EDGES = 20_000
 # Correct maps have a median of up to 2.3 degrees (simulated reliefs with one pixel for a detail),
 # and with noise of 4 degrees per component 2.8. Steps between the leaves of a real plant cause 6.5.
 _LIMIT_DEG = 10.0
-# Steps in depth bend a smooth surface at a few edges. Its largest angle, and the ratio to the
-# median, are 0.2 degree on smooth surfaces and 4 for noise; with steps, at least 5 and 5.
-_LARGEST = 0.99
-_LARGEST_DEG, _RATIO = 5.0, 5.0
+# Steps in depth bend a smooth surface at a few edges: at more than this share, the angle is larger
+# than this, and than this multiple of the median. Normally distributed noise never is.
+_BENT = 2e-3
+_BENT_DEG, _BENT_RATIO = 5.0, 8.0
 
 
 class SomeSteps(NamedTuple):
@@ -77,20 +77,25 @@ class StepAngles(NamedTuple):
     ----------
     median_deg
         Median, NaN without edges.
-    largest_deg
-        Which 1 % of the angles exceed.
+    limit_deg
+        Angles above it are neither noise nor curvature.
+    share
+        Their share.
     """
 
     median_deg: float
-    largest_deg: float
+    limit_deg: float
+    share: float
 
     @classmethod
     def between(cls, slopes: Float64, others: Float64) -> StepAngles:
         """Return the angles between slopes and others at the same places."""
         if not len(slopes):
-            return cls(float("nan"), float("nan"))
+            return cls(float("nan"), _BENT_DEG, 0.0)
         angles = np.degrees(np.abs(np.arctan(slopes) - np.arctan(others)))
-        return cls(*(float(each) for each in np.quantile(angles, [0.5, _LARGEST])))
+        median = float(np.median(angles))
+        limit = max(_BENT_DEG, _BENT_RATIO * median)
+        return cls(median, limit, float(np.mean(angles > limit)))
 
 
 _CAUSES: dict[Axes, str] = {
@@ -145,12 +150,12 @@ def consistency_warning(angles: StepAngles, shape: Integrability, *, smooth: boo
             "distances: check the map, its mask, and whether the object has steps"
         )
         return [Notice("normals-inconsistent", text)]
-    if smooth and angles.largest_deg > max(_LARGEST_DEG, _RATIO * angles.median_deg):
+    if smooth and angles.share > _BENT:
         text = (
-            "the normals are not those of a smooth surface: at 1 % of the edges, those of the "
-            f"surface differ from them by {angles.largest_deg:.0f} degrees or more (median: "
-            f"{angles.median_deg:.1f}). Steps in depth bend a smooth surface: its height is "
-            "wrong near them, and over long distances"
+            f"at {angles.share:.1%} of the edges, the normals of the surface differ from the given "
+            f"ones by more than {angles.limit_deg:.0f} degrees (median: {angles.median_deg:.1f}): "
+            "steps in depth bend a smooth surface, so its height is wrong near them and over long "
+            "distances"
         )
         return [Notice("surface-differs", text)]
     return []
