@@ -146,7 +146,9 @@ def _way(
     way = SurfaceWay.within(
         memory,
         size,
-        processing.surface.SurfaceStage(camera is not None, sigma is not None),
+        processing.surface.SurfaceStage(
+            camera is not None, sigma is not None, options.jumps() is not False
+        ),
         stl=options.stl,
         whole_for=[name for name, given in wanted.items() if given],
     )

@@ -149,8 +149,7 @@ class SurfaceOptions:
 
     def whole_surface(self) -> dict[str, bool]:
         """Return the options that need the complete surface in memory, and which are given."""
-        whole = {"--discontinuity": self.discontinuity, "--height-sigma": self.height_sigma}
-        return whole | self.whole_mesh()
+        return {"--height-sigma": self.height_sigma} | self.whole_mesh()
 
     def whole_mesh(self) -> dict[str, bool]:
         """Return the options that need the complete mesh in memory, and which are given."""

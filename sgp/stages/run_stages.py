@@ -177,7 +177,9 @@ def _ways(
     surface = SurfaceWay.within(
         memory,
         source.size,
-        processing.surface.SurfaceStage(source.camera is not None, True),
+        processing.surface.SurfaceStage(
+            source.camera is not None, True, options.jumps() is not False
+        ),
         stl=options.stl,
         whole_for=[name for name, asked in options.whole_surface().items() if asked],
     )

@@ -52,7 +52,7 @@ def given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[object]:
 
 @pytest.mark.parametrize(
     "option",
-    ["--discontinuity", "--glb", "--obj", "--normal-texture", "--close", "--height-sigma",
+    ["--glb", "--obj", "--normal-texture", "--close", "--height-sigma",
      "--triangles 9", "--base 2", "--prior sigma.exr"],
 )  # fmt: skip
 def test_what_needs_the_complete_surface_is_refused(sgp, given, option) -> None:

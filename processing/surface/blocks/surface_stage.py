@@ -17,7 +17,10 @@ from processing.surface.blocks.plan import plan_blocks
 _FIXED = 42_000_000
 # Bytes per pixel of a surface that is solved as a whole; additional ones with a camera, and with
 # deviations of the normals.
-_WHOLE, _CAMERA, _SIGMA = 70, 45, 14
+_WHOLE, _CAMERA, _SIGMA = 70, 45, 33
+# Additional ones if jumps are looked for, of the whole or of the largest block, and bytes of the
+# search in large pixels.
+_JUMPS, _SEARCH = 150, 240_000_000
 # Bytes per pixel of the largest block, of the rows that two blocks share, and of the map.
 _BLOCK, _SHARED, _MASKS = 82, 48, 2
 # Interpreter, libraries and bands of rows that are written.
@@ -43,19 +46,22 @@ class SurfaceStage:
         Whether a camera is given.
     weighted
         Whether standard deviations of the normals are given.
+    jumps
+        Whether jumps in depth are looked for.
 
     Examples
     --------
     >>> from processing.surface import SurfaceStage
     >>> need = SurfaceStage().need((8944, 11180))
     >>> f"{need.whole / 1e9:.1f} GB as a whole, {need.least / 1e9:.1f} GB in blocks"
-    '10.8 GB as a whole, 1.7 GB in blocks'
+    '23.8 GB as a whole, 2.2 GB in blocks'
     """
 
     name: ClassVar = "surface"
 
     perspective: bool = False
     weighted: bool = False
+    jumps: bool = True
 
     def need(self, *sizes: Size) -> Need:
         """Return the memory for a map of (height, width)."""
@@ -82,8 +88,8 @@ class SurfaceStage:
     def solving(self, size: Size, rows: int | None = None) -> int:
         """Return the bytes that the solver needs, besides its inputs and the program.
 
-        The estimate is 3 to 55 % above the peaks that were measured from 1 to 10 megapixels. Jumps,
-        priors and errors of heights need more.
+        The estimate is 3 to 55 % above the peaks that were measured from 1 to 10 megapixels.
+        Priors and errors of heights need more.
 
         Parameters
         ----------
@@ -93,13 +99,14 @@ class SurfaceStage:
             Most rows of a block, as for `integrate_in_blocks`; None for `integrate`.
         """
         height, width = size
-        camera = self.perspective * _CAMERA
+        given = self.perspective * _CAMERA + self.jumps * _JUMPS
         if rows is None:
-            return _FIXED + height * width * (_WHOLE + camera + self.weighted * _SIGMA)
+            return _FIXED + height * width * (_WHOLE + given + self.weighted * _SIGMA)
         blocks = plan_blocks(height, rows)
         largest: int = max(block.rows.stop - block.rows.start for block in blocks.blocks)
         shared = 2 * blocks.halo * (len(blocks.blocks) - 1)
-        return _FIXED + width * (largest * (_BLOCK + camera) + shared * _SHARED + height * _MASKS)
+        solving = width * (largest * (_BLOCK + given) + shared * _SHARED + height * _MASKS)
+        return _FIXED + max(solving, self.jumps * min(_SEARCH, height * width * (_WHOLE + given)))
 
     def _in_blocks(self, size: Size) -> dict[int, int]:
         """Return the bytes for each number of rows of a block."""
