@@ -90,6 +90,23 @@ def test_a_piece_whose_height_is_a_guess() -> None:
     assert [notice.code for notice in surface.warnings] == ["height-guessed"]
 
 
+@pytest.mark.parametrize("view", ["orthographic", "perspective"])
+def test_a_rounded_piece_is_nearer_than_what_it_hides(view: str) -> None:
+    """Below a ball that hides its contact, the ground may have any height but one above its rim."""
+    y, x = np.mgrid[50:-50:101j, -50:50:101j]
+    squared = 30.0**2 - x**2 - y**2
+    ball = np.dstack([x, y, np.sqrt(np.maximum(squared, 0.01))])
+    steep = np.dstack([np.full(x.shape, -0.6), 0 * x, 0 * x + 1])
+    normals = NormalMap.from_vectors(np.where((squared > 0)[..., None], ball, steep))
+    K = np.array([[1e5, 0, 50], [0, 1e5, 50], [0, 0, 1]])
+    camera = None if view == "orthographic" else CameraModel(K, 101, 101)
+    height = integrate(normals, camera=camera, discontinuity=True).height
+    # From the rim to the ground 3 px further out, up, down, left and right.
+    inner, outer = (50 + np.array([[-r, 0], [r, 0], [0, -r], [0, r]]) for r in (29, 32))
+    down = height[inner[:, 0], inner[:, 1]] - height[outer[:, 0], outer[:, 1]]
+    assert down.min() > -2 * 0.6
+
+
 def test_perspective_and_orthographic_views_find_the_same_jumps() -> None:
     normals, truth = horn()
     far = 1e5
