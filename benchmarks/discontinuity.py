@@ -3,26 +3,41 @@
 ``--data`` is a folder with the objects of DiLiGenT, each with ``normal_map.png``, ``mask.png``,
 ``K.txt`` and ``depth_gt.npz`` (mm). All objects have one set of parameters. The error is the mean
 absolute error of the depth over every pixel of the mask, after scaling by the median of true by
-estimated depth. "bound" is the error if each piece between jumps had its best scale; "noise" is the
-mean error over seeds with noise on each component of the normals. "spanning" counts triangles that
-span a true step of more than 5 mm, without and with jumps.
+estimated depth, of surfaces that are smooth, by default, and with jumps in any case. "prior" has
+one known height in each piece between jumps that has at least 1 % of the pixels; "bound" is the
+error if each piece had its best scale; "noise" are mean errors over seeds with noise on each
+component of the normals. "spanning" counts triangles of the default that span a true step of more
+than 5 mm.
+
+    python benchmarks/discontinuity.py --data diligent --out docs/measured/surface-objects.csv
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
-from harness import alone, command_line, measured
+from harness import Table, alone, command_line, measured
 
 import acquisition
 import processing
+from processing.surface.jumps import SHARPNESS
 from rig.arrays import Bool, Float64, Int32
 
 # Mean errors in mm of the authors' code of bilateral normal integration.
-BINI = {"bear": 0.334, "buddha": 1.098, "cat": 0.074, "cow": 0.058, "goblet": 9.02}
+BINI = {
+    "bear": 0.334,
+    "buddha": 1.098,
+    "cat": 0.074,
+    "cow": 0.058,
+    "goblet": 9.02,
+    "harvest": 1.838,
+}
 STEP_MM = 5.0
+# Smaller pieces have no known height.
+LEAST_SHARE = 0.01
 
 
 def object_of(folder: Path) -> tuple[processing.NormalMap, acquisition.CameraModel, Float64]:
@@ -112,43 +127,64 @@ def cost(pixels: int) -> tuple[float, float, int]:
     return spent.cpu_s, spent.peak_bytes / pixels, surface.iterations
 
 
+def prior_mm(normals: processing.NormalMap, surface: processing.HeightMap, depth: Float64) -> float:
+    """Return the mean error with a known height in the middle of each large piece."""
+    camera = surface.camera
+    if camera is None:
+        raise ValueError("the objects have cameras")
+    mask = normals.mask
+    distance = float(np.median(depth[mask]))
+    places = []
+    pieces = pieces_of(surface)
+    for piece in range(int(pieces.max()) + 1):
+        rows, columns = np.nonzero(pieces == piece)
+        if len(rows) >= LEAST_SHARE * np.count_nonzero(mask):
+            middle = np.hypot(rows - rows.mean(), columns - columns.mean()).argmin()
+            places.append((columns[middle], rows[middle]))
+    heights = [distance - depth[row, column] for column, row in places]
+    prior = processing.HeightPrior.from_points(places, heights, 0.01, mask.shape)
+    held = replace(camera, working_distance_mm=distance)
+    found = processing.integrate(normals, camera=held, prior=prior)
+    return error_mm(found, depth, mask)
+
+
 def main() -> None:
     parser = command_line(__doc__)
     parser.add_argument("--data", type=Path, required=True, help="folder of the objects")
-    parser.add_argument("--k", type=float, default=4.0, help="sharpness")
+    parser.add_argument("--k", type=float, default=SHARPNESS, help="sharpness")
     parser.add_argument("--noise-deg", type=float, default=3.0, help="noise of the normals")
     parser.add_argument("--seeds", type=int, default=3, help="seeds of the noise")
     parser.add_argument("--first-seed", type=int, default=1000, help="the first of them")
     parser.add_argument(
         "--pixels", type=int, nargs="*", default=[300_000, 1_000_000], help="sizes for the costs"
     )
+    parser.add_argument("--out", type=Path, help="table of the objects (.csv)")
     options = parser.parse_args()
     seeds = range(options.first_seed, options.first_seed + options.seeds)
-    print(
-        f"{'object':8} {'plain':>7} {'jumps':>7} {'bound':>7} {'BiNI':>7} {'pieces':>6} "
-        f"{'noise, plain':>12} {'noise, jumps':>12} {'spanning':>11}"
-    )
+    table = Table(options.out)
+    ways = {"smooth": False, "default": None, "jumps": True}
     for folder in sorted(path for path in options.data.iterdir() if (path / "K.txt").exists()):
         normals, camera, depth = object_of(folder)
         mask = normals.mask
-        plain = processing.integrate(normals, camera=camera)
-        jumps = processing.integrate(normals, camera=camera, discontinuity=True, k=options.k)
-        doubtful: list[list[float]] = [[], []]
+        surfaces = {
+            name: processing.integrate(normals, camera=camera, discontinuity=way, k=options.k)
+            for name, way in ways.items()
+        }
+        noisy_errors: dict[str, list[float]] = {name: [] for name in ways}
         for seed in seeds:
             worse = noisy(normals, options.noise_deg, seed)
-            for errors, wanted in zip(doubtful, (False, True), strict=True):
-                result = processing.integrate(
-                    worse, camera=camera, discontinuity=wanted, k=options.k
-                )
-                errors.append(error_mm(result, depth, mask))
-        mean_errors = [error_mm(surface, depth, mask) for surface in (plain, jumps)]
-        print(
-            f"{folder.name:8} {mean_errors[0]:7.3f} {mean_errors[1]:7.3f} "
-            f"{bound_mm(jumps, depth):7.3f} {BINI.get(folder.name, np.nan):7.3f} "
-            f"{pieces_of(jumps).max() + 1:6d} {np.mean(doubtful[0]):12.3f} "
-            f"{np.mean(doubtful[1]):12.3f} {spanning(plain, depth):5d} {spanning(jumps, depth):5d}",
-            flush=True,
-        )
+            for name, way in ways.items():
+                found = processing.integrate(worse, camera=camera, discontinuity=way, k=options.k)
+                noisy_errors[name].append(error_mm(found, depth, mask))
+        row = {"object": folder.name}
+        row |= {name: f"{error_mm(each, depth, mask):.3f}" for name, each in surfaces.items()}
+        row["prior"] = f"{prior_mm(normals, surfaces['jumps'], depth):.3f}"
+        row["bound"] = f"{bound_mm(surfaces['jumps'], depth):.3f}"
+        row["BiNI"] = f"{BINI.get(folder.name, np.nan):.3f}"
+        row["pieces"] = str(pieces_of(surfaces["jumps"]).max() + 1)
+        row |= {f"noise, {name}": f"{np.mean(each):.3f}" for name, each in noisy_errors.items()}
+        row["spanning"] = str(spanning(surfaces["default"], depth))
+        table.add(row)
     print(f"\n{'pixels':>9} {'CPU s':>7} {'bytes/px':>8} {'iterations':>10}")
     for pixels in options.pixels:
         cpu_s, per_pixel, iterations = alone(cost, pixels)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import csv
 import ctypes
 import os
 import subprocess
@@ -67,6 +68,36 @@ class _Help(argparse.RawDescriptionHelpFormatter, argparse.ArgumentDefaultsHelpF
 def command_line(doc: str | None) -> argparse.ArgumentParser:
     """Return a parser whose help page is the docstring of a benchmark and the options' defaults."""
     return argparse.ArgumentParser(description=doc, formatter_class=_Help)
+
+
+class Table:
+    """A table that is printed row by row, and written to a file.
+
+    Parameters
+    ----------
+    out
+        The file (.csv); None to print only.
+    """
+
+    def __init__(self, out: Path | None) -> None:
+        self._out, self._rows = out, list[dict[str, str]]()
+
+    def add(self, row: dict[str, str]) -> None:
+        """Print a row; the first one has the columns of all."""
+        widths = [max(len(name), 8) + 1 for name in row]
+        if not self._rows:
+            self._print(list(row), widths)
+        self._print(list(row.values()), widths)
+        self._rows.append(row)
+        if self._out is not None:
+            with self._out.open("w", encoding="utf-8", newline="") as file:
+                writer = csv.DictWriter(file, list(row), lineterminator="\n")
+                writer.writeheader()
+                writer.writerows(self._rows)
+
+    def _print(self, values: list[str], widths: list[int]) -> None:
+        line = "".join(f"{value:>{width}}" for value, width in zip(values, widths, strict=True))
+        print(line, flush=True)
 
 
 def busy_option(parser: argparse.ArgumentParser) -> None:

@@ -11,7 +11,6 @@ from acquisition.files import MapToFill, rows_in_bands
 from processing.maps.normal_map import check_normal_rows
 from processing.stages.stage import NormalRows, size_of
 from processing.surface.chord_rule import ChordRule
-from processing.surface.height_map import HeightMap
 from rig import Notice, short_repr
 from rig.arrays import Bool, Float32
 
@@ -24,10 +23,6 @@ _NORMAL = 1.4826
 # On simulated scenes it is up to 3.4 times larger, since the lens blurs fine relief.
 _MOST_EXCESS = 5.0
 _LEAST_DEG = 1.0
-# The curl does not explain the difference between surface and normals if it is smaller by this
-# factor, and the difference is larger than this angle.
-_MOST_UNEXPLAINED = 3.0
-_LEAST_UNEXPLAINED_DEG = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,43 +146,34 @@ def _mean_of_four(values: Float32) -> Float32:
     return mean * np.float32(0.25)
 
 
-def curl_notices(curl: NormalCurl, height_map: HeightMap) -> list[Notice]:
-    """Return notices that distinguish normals that contradict each other from a bad integration.
-
-    ``curl-not-explained`` if the curl exceeds the standard deviations of the normals nearly
-    everywhere: the normals have other errors. ``surface-differs`` if normals and surface differ
-    where the curl is small: few places, such as jumps in depth, or a prior bend the surface.
+def curl_notices(curl: NormalCurl) -> list[Notice]:
+    """Return a notice if the normals contradict each other more than their deviations explain.
 
     Parameters
     ----------
     curl
         The curl of the normals.
-    height_map
-        The surface that was integrated from them.
+
+    Returns
+    -------
+    list of Notice
+        ``curl-not-explained`` if the curl exceeds the standard deviations of the normals nearly
+        everywhere: the normals have other errors.
 
     Examples
     --------
     >>> import numpy as np
-    >>> from processing import NormalMap, integrate, normal_curl
+    >>> from processing import NormalMap, normal_curl
     >>> from processing.surface import curl_notices
     >>> slope = NormalMap.from_vectors(np.full((30, 30, 3), [-1.0, 0.0, 1.0]))
-    >>> curl_notices(normal_curl(slope), integrate(slope))
+    >>> curl_notices(normal_curl(slope))
     []
     """
-    notices = []
-    if curl.excess > _MOST_EXCESS and curl.spread_deg > _LEAST_DEG:
-        text = (
-            f"the curl of the normals ({curl.spread_deg:.1f} degrees) is {curl.excess:.1f} times "
-            "as large as their standard deviations explain: the normals have other errors than "
-            "noise, so those of the heights are larger than predicted"
-        )
-        notices.append(Notice("curl-not-explained", text))
-    angle = height_map.disagreement_deg
-    if angle > max(_LEAST_UNEXPLAINED_DEG, _MOST_UNEXPLAINED * curl.spread_deg):
-        text = (
-            f"the normals of the surface differ from the given ones by {angle:.1f} degrees "
-            "(median), but the given ones hardly contradict each other (curl "
-            f"{curl.spread_deg:.1f} degrees): jumps in depth at a few places, or a prior, bend it"
-        )
-        notices.append(Notice("surface-differs", text))
-    return notices
+    if not (curl.excess > _MOST_EXCESS and curl.spread_deg > _LEAST_DEG):
+        return []
+    text = (
+        f"the curl of the normals ({curl.spread_deg:.1f} degrees) is {curl.excess:.1f} times "
+        "as large as their standard deviations explain: the normals have other errors than "
+        "noise, so those of the heights are larger than predicted"
+    )
+    return [Notice("curl-not-explained", text)]

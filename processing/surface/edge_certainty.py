@@ -74,7 +74,10 @@ def variances(
 
 
 def certainties(relative: Float32) -> tuple[Float32, Float32]:
-    """Return the reciprocal of the mean variance of both normals of each edge.
+    """Return the reciprocal of the root mean square deviation of both normals of each edge.
+
+    Reciprocal variances are best for independent errors, equal weights for errors that neighbours
+    have in common, such as those of a reflectance model. Deviations say nothing of the shares.
 
     Parameters
     ----------
@@ -87,6 +90,6 @@ def certainties(relative: Float32) -> tuple[Float32, Float32]:
         ``(H+2, W+2)`` float32 factors for weights of edges, 1 at the border.
     """
     right, down = np.ones((2, relative.shape[0] + 2, relative.shape[1] + 2), np.float32)
-    right[1:-1, 1:-2] = 2 / (relative[:, :-1] + relative[:, 1:])
-    down[1:-2, 1:-1] = 2 / (relative[:-1] + relative[1:])
+    right[1:-1, 1:-2] = np.sqrt(2 / (relative[:, :-1] + relative[:, 1:]))
+    down[1:-2, 1:-1] = np.sqrt(2 / (relative[:-1] + relative[1:]))
     return right, down

@@ -67,6 +67,7 @@ def simulate_errors(
     common_deg: Float32,
     variance: float,
     held: Anchors | None,
+    guesses: tuple[Int32, Float64] | None,
     on_progress: Progress,
 ) -> HeightUncertainty:
     """Integrate perturbed normals with the weights of the surface.
@@ -96,6 +97,9 @@ def simulate_errors(
         Variance of a normal for the weights of known heights, in rad^2.
     held
         Known heights, which have errors of their own.
+    guesses
+        ``(H, W)`` pieces whose heights are guesses, -1 elsewhere, and the standard deviation of
+        each, for a surface with jumps.
     on_progress
         Receives the stage ``errors of heights``, one step per sample.
     """
@@ -131,6 +135,10 @@ def simulate_errors(
         if held is not None:
             b += loads * rng.standard_normal(b.shape)
         u = solve(*weights, b, anchors=held_weights, levels=levels, tolerance=_TOLERANCE).u
+        if guesses is not None:
+            # The last one is for the pixels without a guess.
+            offsets = np.append(guesses[1] * rng.standard_normal(len(guesses[1])), 0.0)
+            u[1:-1, 1:-1] += offsets[guesses[0]]
         found = scales * u[1:-1, 1:-1][inside]
         # The mean of each part without a prior is fixed.
         means = free * np.bincount(members, found) / totals

@@ -11,9 +11,10 @@ from calibration import EstimateError
 from processing.maps.normal_map import NormalMap, check_normal_map
 from processing.surface.anchors import anchors, doubts_of_prior, solve_anchored
 from processing.surface.chord_rule import ChordRule
-from processing.surface.consistency import angle_between_deg, consistency_warning, some_steps
+from processing.surface.consistency import StepAngles, consistency_warning, some_steps
 from processing.surface.edge_certainty import certainties, variances
 from processing.surface.grid_graph import divergence, label_parts
+from processing.surface.guesses import Guesses
 from processing.surface.height_errors import simulate_errors
 from processing.surface.height_map import HeightMap
 from processing.surface.integrability_test import integrability
@@ -63,7 +64,7 @@ def integrate(
         mean depth of each part is that of these values.
     sigma_deg
         ``(H, W)`` standard deviations of the normals in degrees, as `NormalUncertainty.sigma_deg`:
-        edges count by their reciprocal variance. A normal whose deviation is NaN counts as the
+        edges count by their reciprocals. A normal whose deviation is NaN counts as the
         least certain one. Default: all normals are equally certain.
     common_sigma_deg
         The part of ``sigma_deg`` that all pixels have in common, as
@@ -150,13 +151,14 @@ def integrate(
         factors = certainties(relative[window])
         weights = right * factors[0], down * factors[1]
     problem = None
-    if discontinuity is not False:
+    shape = integrability(normals, inside)
+    # Normals with wrong axes contradict each other everywhere.
+    if discontinuity or (discontinuity is None and shape.axes == "right"):
         least = 0.0 if discontinuity else LEAST_SUSPECTS
         edges = (right, down, *steps)
         problem = JumpProblem.of(normals, inside, chords, edges, k=k, factors=factors, least=least)
         del edges
     chords.correct(normals, (right, down), steps)
-    shape = integrability(normals, inside)
     sampled = some_steps(right, down, *steps)
     b = divergence(*weights, *steps)
     # What is large and not needed any longer does not add to the memory of the solver.
@@ -203,11 +205,18 @@ def integrate(
     uncertainty = None
     if height_errors and relative is not None:
         rule = ChordRule(window, camera, smooth=jumps is None)
+        right, down, *own_steps = rule.edges(normals, inside)
+        own = own_steps[0], own_steps[1]
+        guesses = None
+        if jumps is not None:
+            found_known = None if prior is None else prior.known[window]
+            pieces = Guesses.of(jumps.pieces[window], parts[window], found_known)
+            guesses = pieces.pieces, pieces.sigma(solution.u, (right, down), own)
         uncertainty = simulate_errors(
             normals,
             inside,
             rule,
-            rule.edges(normals, inside)[2:],
+            own,
             weights,
             labels,
             factor=scale.pixel_size if depth is None else -depth[window],
@@ -215,15 +224,16 @@ def integrate(
             common_deg=common,
             variance=variance,
             held=held,
+            guesses=guesses,
             on_progress=on_progress,
         ).placed(window, normal_map.size)
     isolated = int(np.count_nonzero(normal_map.mask & ~mask))
     slope = scale.step_px if scale.distance is None else -scale.step_px
-    angle_deg = angle_between_deg(slope * sampled.steps, slope * sampled.of(solution.u))
+    angles = StepAngles.between(slope * sampled.steps, slope * sampled.of(solution.u))
     notices = [
         *doubts_of_parts(parts, isolated, jumps, None if prior is None else prior.known),
         *doubts_of_solution(solution),
-        *consistency_warning(angle_deg, shape),
+        *consistency_warning(angles, shape, smooth=jumps is None),
     ]
     if prior is not None and held is not None and free is not None:
         used = np.zeros_like(mask)
@@ -238,7 +248,7 @@ def integrate(
         iterations=solution.iterations,
         relative_residual=solution.relative_residual,
         warnings=tuple(notices),
-        disagreement_deg=angle_deg,
+        disagreement_deg=angles.median_deg,
         curl=shape.curl,
         jumps=jumps,
         uncertainty=uncertainty,

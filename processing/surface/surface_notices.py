@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from processing.surface.guesses import Guesses
 from processing.surface.jumps import Jumps
 from processing.surface.multigrid import Solution
 from rig import Notice, pluralize
@@ -33,16 +34,18 @@ def doubts_of_parts(
 
 def doubts_of_jumps(jumps: Jumps | None, parts: Int32, known: Bool | None = None) -> list[Notice]:
     """Return notices about heights across jumps; parameters as for `doubts_of_parts`."""
+    if jumps is None:
+        return []
     warnings = []
-    guessed, share = (0, 0.0) if jumps is None else _guessed(jumps.pieces, parts, known)
-    if guessed:
-        which = "1 piece hangs" if guessed == 1 else f"{guessed} pieces hang"
+    guesses = Guesses.of(jumps.pieces, parts, known)
+    if guesses.number:
+        which = "1 piece hangs" if guesses.number == 1 else f"{guesses.number} pieces hang"
         text = (
-            f"{which} together with the rest of the surface across jumps only ({share:.1%} of the "
-            "surface): the height relative to the rest is a guess"
+            f"{which} together with the rest of the surface across jumps only "
+            f"({guesses.share:.1%} of the surface): the height relative to the rest is a guess"
         )
         warnings.append(Notice("height-guessed", text))
-    if jumps is not None and not jumps.settled:
+    if not jumps.settled:
         text = (
             f"the surface still moved in the last of {jumps.rounds} rounds, by "
             f"{jumps.last_change:.2g} px on average: near jumps, its height may be inaccurate"
@@ -90,20 +93,3 @@ def doubts_of_solution(solution: Solution) -> list[Notice]:
         f"{solution.iterations} iterations: heights may be inaccurate over long distances"
     )
     return [Notice("solver-not-converged", text)]
-
-
-def _guessed(pieces: Int32, parts: Int32, known: Bool | None) -> tuple[int, float]:
-    """Return the number of pieces whose height is a guess, and their share.
-
-    In each part, the pieces with a known height are no guesses, or else the largest one.
-    """
-    inside = pieces >= 0
-    numbers, first, sizes = np.unique(pieces[inside], return_index=True, return_counts=True)
-    part_of = parts[inside][first]
-    sure = np.zeros(len(numbers), bool)
-    if known is not None:
-        sure[np.isin(numbers, pieces[known & inside])] = True
-    bare = ~np.isin(part_of, part_of[sure])
-    _, largest = np.unique(part_of[bare], return_index=True)
-    sure[np.flatnonzero(bare)[largest]] = True
-    return int(np.count_nonzero(~sure)), 1 - float(sizes[sure].sum() / sizes.sum())

@@ -103,9 +103,9 @@ class SurfaceOptions:
         Thickness of the base of solid.stl below the lowest point, in mm, or in pixels if the scale
         is not known; default: 2 % of the longer side. Implies --close.
     discontinuity
-        Keep jumps in depth, where one part of the object hides another, whether or not the normals
-        show any; meshes are cut there. discontinuity.png, jumps.png and parts.png show what was
-        found. Default: where the normals show jumps.
+        Keep jumps in depth, where one part of the object hides another, in any case; without this
+        option, if the normals show them. Meshes are cut there, and discontinuity.png, jumps.png and
+        parts.png show what was found.
     smooth
         Look for no jumps: the surface is one smooth piece.
     height_sigma

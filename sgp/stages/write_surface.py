@@ -63,7 +63,7 @@ def write_surface(
         warnings=[
             *surface.warnings,
             *_scale_notice(surface),
-            *processing.surface.curl_notices(curl, surface),
+            *processing.surface.curl_notices(curl),
         ]
     )
     result.outputs = {"height": folder / "height.exr", "mask": folder / "mask.png"}

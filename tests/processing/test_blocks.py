@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.ndimage import binary_dilation
 
 from acquisition import CameraModel, DataError
 from acquisition.files import BandStore, DamagedMapsError
@@ -19,6 +20,7 @@ from processing.surface.blocks.block_files import BlockFiles
 from processing.surface.blocks.block_solutions import Seam, Side
 from processing.surface.blocks.local_parts import LocalParts, meeting_of
 from processing.surface.blocks.plan import CELL, plan_blocks
+from tests.processing.test_jumps import horn
 from tests.processing.test_stages import deleted, flipped
 
 LIMIT = 5e-4  # of the range
@@ -128,6 +130,25 @@ def test_deviations_of_normals_count(tmp_path):
     with opened(tmp_path / "plain") as store:
         plain = integrate_in_blocks(normal_map, store, rows=48)
         assert plain.extremes != found.extremes
+
+
+@pytest.mark.parametrize("rows", [32, 48])
+def test_jumps_cross_the_borders_of_blocks(tmp_path, rows):
+    normal_map, truth = horn(240)
+    whole = integrate(normal_map)
+    with opened(tmp_path, normal_map.size) as store:
+        found = integrate_in_blocks(normal_map, store, rows=rows)
+        assert found.blocks.number > 2
+        errors = [
+            np.abs(off - np.median(off)).mean()
+            for off in (surface.height - truth for surface in (found, whole))
+        ]
+    assert errors[0] < errors[1] + 0.1
+    assert found.jumps.pieces.max() == whole.jumps.pieces.max()
+    # Nearly all jumps of the whole are beside one of the blocks.
+    ours, theirs = (surface.jumps.right | surface.jumps.down for surface in (found, whole))
+    near = binary_dilation(ours, np.ones((3, 3)))
+    assert np.count_nonzero(theirs & near) > 0.95 * np.count_nonzero(theirs)
 
 
 @settings(max_examples=8, deadline=None)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from acquisition import CameraModel, DataError, read_camera, read_mask
-from processing import HeightMap, NormalMap, height_mesh, integrate, read_normals
+from processing import HeightMap, HeightPrior, NormalMap, height_mesh, integrate, read_normals
 from processing.meshes.face_kernels import faces_of
 from rig.arrays import Float64
 from tests.real_data import DATA, needs_data
@@ -90,21 +90,47 @@ def test_a_piece_whose_height_is_a_guess() -> None:
     assert [notice.code for notice in surface.warnings] == ["height-guessed"]
 
 
-@pytest.mark.parametrize("view", ["orthographic", "perspective"])
-def test_a_rounded_piece_is_nearer_than_what_it_hides(view: str) -> None:
-    """Below a ball that hides its contact, the ground may have any height but one above its rim."""
+def test_a_guessed_height_has_a_large_deviation() -> None:
+    """A ball hides its contact with the ground: its height may be wrong by the jumps around it."""
     y, x = np.mgrid[50:-50:101j, -50:50:101j]
     squared = 30.0**2 - x**2 - y**2
     ball = np.dstack([x, y, np.sqrt(np.maximum(squared, 0.01))])
-    steep = np.dstack([np.full(x.shape, -0.6), 0 * x, 0 * x + 1])
-    normals = NormalMap.from_vectors(np.where((squared > 0)[..., None], ball, steep))
-    K = np.array([[1e5, 0, 50], [0, 1e5, 50], [0, 0, 1]])
-    camera = None if view == "orthographic" else CameraModel(K, 101, 101)
-    height = integrate(normals, camera=camera, discontinuity=True).height
-    # From the rim to the ground 3 px further out, up, down, left and right.
-    inner, outer = (50 + np.array([[-r, 0], [r, 0], [0, -r], [0, r]]) for r in (29, 32))
-    down = height[inner[:, 0], inner[:, 1]] - height[outer[:, 0], outer[:, 1]]
-    assert down.min() > -2 * 0.6
+    normals = NormalMap.from_vectors(np.where((squared > 0)[..., None], ball, (0, 0, 1)))
+    sigma = np.full((101, 101), 0.5, np.float32)
+    surface = integrate(normals, sigma_deg=sigma, height_errors=True)
+    assert surface.uncertainty is not None
+    assert surface.jumps is not None
+    guessed = surface.jumps.pieces == 1
+    top = np.nanmedian(surface.uncertainty.sigma[guessed])
+    assert top > 3  # px, of a radius of 30
+    # A known height on it ends the guess.
+    prior = HeightPrior.from_points([[50, 50], [2, 2]], [30, 0], 0.01, (101, 101))
+    fixed = integrate(normals, sigma_deg=sigma, height_errors=True, prior=prior)
+    assert fixed.uncertainty is not None
+    assert np.nanmedian(fixed.uncertainty.sigma[guessed]) < 0.1 * top
+
+
+SMOOTH = {
+    "waves": (0.0, False),
+    "waves with noise": (4.0, False),
+    "horn": (0.0, True),
+    "horn with noise": (3.0, True),
+}
+
+
+@pytest.mark.parametrize("name", SMOOTH)
+def test_steps_that_bend_a_smooth_surface_are_reported(name: str) -> None:
+    noise_deg, bent = SMOOTH[name]
+    y, x = np.mgrid[1:-1:120j, -1:1:120j]
+    waves = NormalMap.from_vectors(np.dstack([np.sin(5 * x), np.cos(4 * y), 0 * x + 1]))
+    normals = horn()[0] if bent else waves
+    noise = np.random.default_rng(3).normal(scale=np.radians(noise_deg), size=(120, 120, 3))
+    given = NormalMap.from_vectors(normals.normals + noise, normals.mask)
+    surface = integrate(given, discontinuity=False)
+    assert [notice.code for notice in surface.warnings] == ["surface-differs"] * bent
+    by_default = integrate(given)
+    assert (by_default.jumps is not None) == bent
+    assert "surface-differs" not in [notice.code for notice in by_default.warnings]
 
 
 def test_perspective_and_orthographic_views_find_the_same_jumps() -> None:
@@ -142,8 +168,16 @@ def test_cuts_remove_the_triangles_that_span_them(seed: int, rows: int, columns:
     assert faces_of(parts, vertices, right, down).tolist() == expected
 
 
-# Mean errors in mm that must not be exceeded: 15 % or .05 mm above the authors' code.
-CAPTURED = {"bear": 0.384, "buddha": 1.263, "cat": 0.124, "cow": 0.108, "goblet": 10.373}
+# Mean errors in mm that must not be exceeded: 15 % or .05 mm above the authors' code; harvest, the
+# object with most pieces, has 0.65 mm.
+CAPTURED = {
+    "bear": 0.384,
+    "buddha": 1.263,
+    "cat": 0.124,
+    "cow": 0.108,
+    "goblet": 10.373,
+    "harvest": 1.4,
+}
 
 
 @needs_data

@@ -8,6 +8,7 @@ import numpy as np
 
 from acquisition import CameraModel, MapRows
 from acquisition.files import rows_in_bands
+from processing.surface.anchors import Anchors
 from processing.surface.blocks.block_files import BlockFiles
 from processing.surface.blocks.plan import CELL
 from processing.surface.chord_rule import ChordRule
@@ -26,6 +27,9 @@ from rig.arrays import Bool, Float32, Float64, Int32
 # is used that leaves at most this many large pixels.
 _CELLS, _LARGE_PIXELS = (2, 4, CELL), 1_000_000
 _BAND = 32 * CELL  # rows
+# Weight of the coarse surface at each pixel while jumps of a block are found, relative to edges: it
+# holds the surface over 100 pixels and more.
+_HELD = np.float32(1e-4)
 
 
 class CoarseJumps(NamedTuple):
@@ -41,12 +45,23 @@ class CoarseJumps(NamedTuple):
         How often its weights and the surface were computed.
     k
         Sharpness of the sigmoid, in 1/px^2 of the image.
+    scale
+        What its heights are multiplied by in the image.
     """
 
     surface: CoarseSurface
     pieces: Int32
     rounds: int
     k: float
+    scale: float
+
+    def rows(self, rows: slice, columns: int) -> Float64:
+        """Return the surface in rows of the image, with steps between its large pixels."""
+        u, cell = self.surface
+        first = rows.start // cell
+        wide = u[first : -(-rows.stop // cell)].repeat(cell, axis=0).repeat(cell, axis=1)
+        begin = rows.start - first * cell
+        return self.scale * wide[begin : begin + rows.stop - rows.start, :columns]
 
     def pieces_of(self, inside: Bool) -> Int32:
         """Return the pieces in the image, -1 outside."""
@@ -90,7 +105,8 @@ def coarse_jumps(
     if not known["u"].size:
         return None
     surface = CoarseSurface(known["u"], int(known["cell"]))
-    return CoarseJumps(surface, known["pieces"], int(known["rounds"]), k)
+    scale = 1.0 if camera is not None else float(surface.cell)
+    return CoarseJumps(surface, known["pieces"], int(known["rounds"]), k, scale)
 
 
 def _searched(
@@ -152,6 +168,10 @@ def find_jumps(
     problem = JumpProblem.of(vectors, inside, chords, edges, k=coarse.k, factors=factors)
     if problem is None:
         raise AssertionError("a problem without a least share of suspects exists")
+    # What holds pieces of the block together may be outside it.
+    start = np.pad(coarse.rows(block.rows, normals.shape[1]), 1)
+    weights = np.where(edges[0] + edges[1] > 0, _HELD, np.float32(0))
+    problem = problem.held_at(Anchors(weights, start), start)
     del edges
     u, cell = coarse.surface
     part = u[block.rows.start // cell : -(-block.rows.stop // cell)]

@@ -12,7 +12,7 @@ from acquisition.files import BandStore, DamagedMapsError, Maps
 from processing.stages.stage import NormalRows
 from processing.surface.blocks.block_files import remove_steps
 from processing.surface.blocks.solution import BlockSolution, solve_in_blocks
-from processing.surface.consistency import angle_between_deg, consistency_warning
+from processing.surface.consistency import StepAngles, consistency_warning
 from processing.surface.edge_certainty import variances
 from processing.surface.height_map import BlockFigures, HeightMap
 from processing.surface.integrability_test import integrability
@@ -107,6 +107,8 @@ def integrate_in_blocks(
     check_view(mask, camera, pixel_mm, depth_mm)
     relative, _ = variances(sigma_deg, mask, most=_SAMPLE)
     shape = integrability(normals, mask)
+    if discontinuity is None and shape.axes != "right":
+        discontinuity = False
     problem = normals, relative, camera, store, rows, discontinuity, k, on_progress
     try:
         solved = solve_in_blocks(*problem)
@@ -119,14 +121,14 @@ def integrate_in_blocks(
     if not pixels:
         raise nothing_faces()
     step = scale.step_px if camera is None else -scale.step_px
-    angle_deg = angle_between_deg(step * solved.wanted, step * solved.found)
+    angles = StepAngles.between(step * solved.wanted, step * solved.found)
     inside, (lowest, highest) = _placed(solved, scale, depth_mm, store, on_progress)
     error = solved.rounds.error * (scale.distance or scale.pixel_size)
     notices = [
         *parts_notices(len(solved.means), int(np.count_nonzero(mask)) - pixels),
         *([] if solved.jumps is None else doubts_of_jumps(solved.jumps, solved.parts[:])),
         *doubts_of_solution(solved.worst),
-        *consistency_warning(angle_deg, shape),
+        *consistency_warning(angles, shape, smooth=solved.jumps is None),
     ]
     if not solved.rounds.settled:
         share = error / (highest - lowest) if highest > lowest else 0.0
@@ -144,7 +146,7 @@ def integrate_in_blocks(
         iterations=solved.worst.iterations,
         relative_residual=solved.worst.relative_residual,
         warnings=tuple(notices),
-        disagreement_deg=angle_deg,
+        disagreement_deg=angles.median_deg,
         curl=shape.curl,
         jumps=solved.jumps,
         blocks=BlockFigures(len(solved.blocks.blocks), solved.rounds.number, error),
