@@ -68,15 +68,16 @@ def agreed(count: int, votes: Votes, width: float) -> Float64:
     Votes that differ by the given width, in pixels, agree half at first.
     """
     moves = np.zeros(count)
-    a, b, *values = votes.by_pair()
+    votes = votes.by_pair()
+    a, b = votes.a, votes.b
     first = np.flatnonzero(np.append(len(a) > 0, (np.diff(a) != 0) | (np.diff(b) != 0)))
     first = np.append(first, len(a))
     for within in sorted({width, _AGREEING_PX}, reverse=True):
         for _ in range(_SWEEPS):
-            agreeing = _agreeing(moves, a, b, *values[:2], first, within)
+            agreeing = _agreeing(moves, a, b, votes.offsets, votes.weights, first, within)
             pairs = np.argsort(-agreeing, kind="stable")
             places, sizes = _tree(count, a[first[pairs]], b[first[pairs]])
-            if not _sweep(moves, places, sizes, a, b, *values, within):
+            if not _sweep(moves, places, sizes, *votes, within):
                 break
     return moves
 
