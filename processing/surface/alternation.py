@@ -19,8 +19,9 @@ Pair = tuple[Float32, Float32]
 _ROUNDS = 15
 # Rounds in which the turn of the normals counts, if it does.
 _UNEVEN_ROUNDS = 10
-# Rounds from a surface whose pieces were moved, and the first width of their gate in pixels.
-_LATE_ROUNDS, _LATE_WIDTH_PX = 6, 1.0
+# Rounds from a surface whose pieces were moved, the first width of their gate in pixels, and by
+# which factor it becomes narrower in each of them.
+_LATE_ROUNDS, _LATE_WIDTH_PX, _LATE_NARROWER = 3, 1.0, 0.4
 # The residual gate is as wide as this quantile of the residuals at first, becomes narrower by this
 # factor in each round, and ends at this multiple of their deviation.
 _LARGE = 0.99
@@ -142,6 +143,7 @@ class Alternation:
         iterations, begin, width, final, least = 0, np.inf, np.inf, 0.0, 0.0
         # From a surface, the rounds are the last ones.
         rounds, fresh = (_ROUNDS, 1) if after is None else (_LATE_ROUNDS, 0)
+        narrower = _NARROWER if fresh else _LATE_NARROWER
         for number in range(fresh, rounds + fresh):
             late = number > _UNEVEN_ROUNDS or not fresh
             if number != 1 or not fresh:
@@ -151,7 +153,7 @@ class Alternation:
                 if number == 2 * fresh:
                     begin = largest if fresh else _LATE_WIDTH_PX
                 final = _DEVIATIONS * max(usual, _LEAST_DEVIATION_PX)
-                width = max(final, begin * _NARROWER ** (number - 2 * fresh))
+                width = max(final, begin * narrower ** (number - 2 * fresh))
                 # In the first rounds, residuals are those of a surface that is still wrong.
                 noise = min(usual / _LEAST_DEVIATION_PX, 1.0) if late else 0.0
                 least = _LEAST_WEIGHT * noise**2

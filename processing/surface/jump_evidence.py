@@ -171,7 +171,8 @@ def _lean(normals: Float32, rays: Float64, r: int, c: int, vertical: int) -> flo
     along = -sight[1] if vertical else sight[0]
     facing = x * sight[0] + y * sight[1] + z * sight[2]
     lean = (-y if vertical else x) - along * facing / length2
-    return lean / math.sqrt(1 - along**2 / length2)
+    right_angled: float = lean / math.sqrt(1 - along**2 / length2)
+    return right_angled
 
 
 @numba.njit(parallel=True, cache=True)

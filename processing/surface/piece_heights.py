@@ -18,8 +18,8 @@ from rig.kernels import PART
 
 # Compiled in: rig/kernels/parts.py 986f6e8c38a7
 
-# Votes that differ by this much, in pixels, agree half. Pieces are placed coarsely first.
-_WIDTHS_PX = (2.0, 0.5)
+# Votes that differ by this much, in pixels, agree half.
+_AGREEING_PX = 0.5
 # Least gain of a move, in edges that face the viewer.
 _LEAST_GAIN = 0.3
 # Heights of a group of pieces that are tried, and how often all groups are.
@@ -62,18 +62,22 @@ class Votes(NamedTuple):
         )
 
 
-def agreed(count: int, votes: Votes) -> Float64:
-    """Return by how much each of the pieces rises."""
+def agreed(count: int, votes: Votes, width: float) -> Float64:
+    """Return by how much each of the pieces rises.
+
+    Votes that differ by the given width, in pixels, agree half at first.
+    """
     moves = np.zeros(count)
-    a, b, *values = votes.by_pair()
+    votes = votes.by_pair()
+    a, b = votes.a, votes.b
     first = np.flatnonzero(np.append(len(a) > 0, (np.diff(a) != 0) | (np.diff(b) != 0)))
     first = np.append(first, len(a))
-    for width in _WIDTHS_PX:
+    for within in sorted({width, _AGREEING_PX}, reverse=True):
         for _ in range(_SWEEPS):
-            agreeing = _agreeing(moves, a, b, *values[:2], first, width)
+            agreeing = _agreeing(moves, a, b, votes.offsets, votes.weights, first, within)
             pairs = np.argsort(-agreeing, kind="stable")
             places, sizes = _tree(count, a[first[pairs]], b[first[pairs]])
-            if not _sweep(moves, places, sizes, a, b, *values, width):
+            if not _sweep(moves, places, sizes, *votes, within):
                 break
     return moves
 

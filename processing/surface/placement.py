@@ -26,6 +26,7 @@ def placed(
     steps: tuple[Float64, Float64],
     evidence: JumpEvidence,
     trust: Pair,
+    width: float,
     scale: float,
     held: Anchors | None = None,
 ) -> Float64:
@@ -41,6 +42,8 @@ def placed(
         What the normals say about jumps: weights of the votes.
     trust
         ``(H+2, W+2)`` trust of the edges, 0 to 1.
+    width
+        Votes within this width, in pixels, agree at first.
     scale
         Pixels for a step of 1.
     held
@@ -60,7 +63,7 @@ def placed(
         weight = held.weights.ravel()[known].astype(np.float64)
         # The last group is what the known heights belong to: it does not move.
         votes.append(Votes(np.full(len(piece), count), piece, off, weight, np.zeros(len(piece))))
-    moves = agreed(count + 1, Votes(*map(np.concatenate, zip(*votes, strict=True))))
+    moves = agreed(count + 1, Votes(*map(np.concatenate, zip(*votes, strict=True))), width)
     if held is not None:
         moves -= moves[count]
     found = u.copy()
