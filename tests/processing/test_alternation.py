@@ -11,6 +11,7 @@ from processing.surface import alternation
 from processing.surface.alternation import Alternation
 from processing.surface.anchors import Anchors
 from processing.surface.grid_graph import divergence
+from processing.surface.jump_evidence import JumpEvidence
 from processing.surface.multigrid import solve
 from rig.arrays import Float64
 
@@ -53,16 +54,23 @@ def test_a_plane_needs_no_round_after_the_gate_is_narrow(scale: float) -> None:
 
 def test_the_contradiction_counts_edges_that_differ() -> None:
     problem, heights = plane()
-    witness = problem.edges[0], np.float32(0.5) * problem.edges[1]
-    assert problem.contradiction(heights, witness) == pytest.approx(0, abs=1e-12)
+    right, down = problem.edges[:2]
+    none = np.zeros_like(right), np.zeros_like(down)
+    evidence = JumpEvidence((right, down), (right, np.float32(0.5) * down), none, 0.0)
+    assert problem.contradiction(heights, evidence) == pytest.approx(0, abs=1e-12)
     jump = heights.copy()
     jump[1:-1, 11:-1] += 3
-    assert problem.contradiction(jump, witness) == pytest.approx(ROWS * 9 / 9.25)
+    assert problem.contradiction(jump, evidence) == pytest.approx(ROWS * 9 / 9.25)
+    # What hides the left side is too high.
+    ordered = evidence._replace(order=(right, none[1]))
+    assert problem.contradiction(jump, ordered) == pytest.approx(2 * ROWS * 9 / 9.25)
+    ordered = evidence._replace(order=(-right, none[1]))
+    assert problem.contradiction(jump, ordered) == pytest.approx(ROWS * 9 / 9.25)
     jump = heights.copy()
     jump[11:-1] += 0.5
-    assert problem.contradiction(jump, witness) == pytest.approx(0.5 * COLUMNS / 2)
+    assert problem.contradiction(jump, evidence) == pytest.approx(0.5 * COLUMNS / 2)
     larger = replace(problem, scale=2.0)
-    assert larger.contradiction(heights / 2, witness) > 1
+    assert larger.contradiction(heights / 2, evidence) > 1
 
 
 def test_a_surface_is_improved_in_few_rounds() -> None:

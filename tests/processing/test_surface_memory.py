@@ -39,16 +39,17 @@ def peak(size, name, rows):
         forms = SurfaceStage(with_camera).forms(size)
         with BandStore(folder / "surface", {}, forms) as store:
             given = StoredNormals(stored, mask, (), ())
-            integrate_in_blocks(given, store, rows=rows, camera=camera)
+            integrate_in_blocks(given, store, rows=rows, camera=camera, discontinuity=jumps)
     else:
-        integrate(normal_map, camera=camera)
+        integrate(normal_map, camera=camera, discontinuity=jumps)
     return (kilobytes("VmHWM") - before) * 1024
 
 def kilobytes(name):
     lines = Path("/proc/self/status").read_text().splitlines()
     return next(int(line.split()[1]) for line in lines if line.startswith(name))
 
-height, width, rows, with_camera = map(int, sys.argv[1:])
+height, width, rows, with_camera, jumps = map(int, sys.argv[1:])
+jumps = bool(jumps)
 peak((128, 96), "small", min(rows, 32))  # compiles
 print(peak((height, width), "large", rows))
 """
@@ -56,10 +57,11 @@ print(peak((height, width), "large", rows))
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="peaks of memory are read from /proc")
+@pytest.mark.parametrize("jumps", [False, True], ids=["smooth", "jumps"])
 @pytest.mark.parametrize(("rows", "camera"), [(None, False), (256, True)])
 @pytest.mark.parametrize("size", SIZES, ids=str)
-def test_estimates_are_above_the_measured_peak(tmp_path, size, rows, camera):
-    arguments = [str(int(each or 0)) for each in (*size, rows, camera)]
+def test_estimates_are_above_the_measured_peak(tmp_path, size, rows, camera, jumps):
+    arguments = [str(int(each or 0)) for each in (*size, rows, camera, jumps)]
     measured = subprocess.run(
         [sys.executable, "-c", MEASURE, *arguments],
         cwd=tmp_path,
@@ -69,7 +71,7 @@ def test_estimates_are_above_the_measured_peak(tmp_path, size, rows, camera):
         check=True,
     )
     peak = int(measured.stdout)
-    assert peak < SurfaceStage(camera).solving(size, rows) < 2 * peak
+    assert peak < SurfaceStage(camera, jumps=jumps).solving(size, rows) < 2 * peak
 
 
 def test_estimates_grow_with_what_is_given():

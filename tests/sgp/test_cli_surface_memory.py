@@ -19,7 +19,7 @@ from tests.sgp.in_bands import CTRL_C, interrupted
 
 SIZE = (192, 60)
 # Blocks of 48 rows.
-LITTLE = "900K"
+LITTLE = "1200K"
 BROKEN, FULL = (
     storage_error(Path("step.npz"), "write", error)
     for error in (OSError("broken"), OSError(errno.ENOSPC, "no space left"))
@@ -80,7 +80,7 @@ def test_what_is_interrupted_is_continued(sgp, given) -> None:
         before, steps = steps, len(list(Path("x/.part-surface").glob("step-*")))
         assert steps > before
     # More memory does not change the blocks.
-    assert sgp(*command, "950K").code == 0
+    assert sgp(*command, "1300K").code == 0
     assert not Path("x/.part-surface").exists()
     for path in Path("whole").glob("*.[eps]*"):
         assert path.suffix == ".json" or path.read_bytes() == Path("x", path.name).read_bytes()

@@ -106,7 +106,9 @@ class SurfaceStage:
         largest: int = max(block.rows.stop - block.rows.start for block in blocks.blocks)
         shared = 2 * blocks.halo * (len(blocks.blocks) - 1)
         solving = width * (largest * (_BLOCK + given) + shared * _SHARED + height * _MASKS)
-        return _FIXED + max(solving, self.jumps * min(_SEARCH, height * width * (_WHOLE + given)))
+        # Its pixels have four of the map or more.
+        search = min(_SEARCH, height * width // 4 * (_WHOLE + given))
+        return _FIXED + max(solving, self.jumps * search)
 
     def _in_blocks(self, size: Size) -> dict[int, int]:
         """Return the bytes for each number of rows of a block."""
