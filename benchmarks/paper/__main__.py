@@ -14,7 +14,8 @@ costs: time and memory of every system on the same target, over those of this pr
 
 Each group has a folder in --out with tables.json, pictures, height profiles as .csv, and bench.json
 with parameters, hashes of all inputs, and what the group took. A group that is done is not repeated
-by the same command. paper.md is the page with all groups in the folder, paper.csv has its figures.
+by the same command. paper.md is a page with the main tables of all groups in the folder, paper.csv
+has the figures of all tables. In docs/measured are those of --quick.
 --quick stops at 50 thousand points and one run, and uses smaller sheets and parts of maps.
 
     python -m benchmarks.paper --out tables --quick
@@ -55,6 +56,16 @@ from sgp.stages.write_profile import write_profile_data
 
 RECORD = "bench.json"
 PAGE, FIGURES = "paper.md", "paper.csv"
+# The tables of the page; the others are in the folders of their groups.
+ON_PAGE = (
+    "idempotence",
+    "cross_exchange",
+    "headline",
+    "synthesis_systems",
+    "systems_deg",
+    "surfaces",
+    "systems",
+)
 # For each group of tables: the function that computes them, and its options with their defaults.
 TABLES: Mapping[str, tuple[Callable[..., Comparison], Mapping[str, Any]]] = {
     "properties": (run_properties, {}),
@@ -64,6 +75,12 @@ TABLES: Mapping[str, tuple[Callable[..., Comparison], Mapping[str, Any]]] = {
     "surface": (run_surface, {}),
     "costs": (run_costs, {}),
 }
+
+
+_PAGE_PREFACE = (
+    "# Measured: the paper's tables\n\n"
+    "Written by `python -m benchmarks.paper`; read [the paper's tables](../paper-tables.md) first."
+)
 
 
 class Spent(NamedTuple):
@@ -173,21 +190,24 @@ def _written(comparison: Comparison, out: Path, spent: Spent) -> Result:
     claim_folder(out, RECORD)
     result = Result(warnings=list(comparison.left_out), inputs=comparison.files)
     result.metrics = {"tables": len(comparison.tables), **spent._asdict()}
-    result.outputs = {"tables": out / "tables.json"}
+    result.outputs = {"tables": out / "tables.md", "tables_json": out / "tables.json"}
     for name, picture in comparison.pictures.items():
         result.outputs[name] = out / f"{name}.png"
         write_overview(result.outputs[name], *picture)
     for name, profile in comparison.profiles.items():
         result.outputs[f"{name}_data"] = out / f"{name}.csv"
         write_profile_data(result.outputs[f"{name}_data"], profile)
+    left_out = [f"Note: {line}." for line in comparison.left_out]
+    text = "\n\n".join([comparison.preface, *left_out, *map(markdown, comparison.tables)])
+    acquisition.write_durably(result.outputs["tables"], f"{text}\n".encode())
     tables = {table.key: asdict(table) for table in comparison.tables}
-    content = {"preface": comparison.preface, "tables": tables}
-    acquisition.write_durably(result.outputs["tables"], f"{dumps(content)}\n".encode())
+    acquisition.write_durably(result.outputs["tables_json"], f"{dumps(tables)}\n".encode())
     return result
 
 
 def _write_page(out: Path) -> None:
     """Write the page and the figures of all groups that are done."""
+    took: dict[str, Sequence[float | None]] = {}
     parts, figures = [], io.StringIO()
     writer = csv.writer(figures, lineterminator="\n")
     writer.writerow(("group", "table", "row", "column", "value"))
@@ -195,19 +215,22 @@ def _write_page(out: Path) -> None:
         folder = out / group
         if not (folder / RECORD).exists():
             continue
-        record = read_record(folder / RECORD)
+        metrics = read_record(folder / RECORD).metrics
+        took[group] = [float(str(metrics[name])) for name in Spent._fields]
         made = json.loads((folder / "tables.json").read_text(encoding="utf-8"))
-        tables = {key: Table(**each) for key, each in made["tables"].items()}
-        spent = {name: record.metrics[name] for name in Spent._fields}
-        took = "Computed in {wall_s:.0f} s, with {cpu_s:.0f} CPU s and {peak_mb:.0f} MB."
-        notes = [f"Note: {line}." for line in record.warnings]
-        parts += [made["preface"], took.format(**spent), *notes, *map(markdown, tables.values())]
-        for key, table in tables.items():
-            for row, values in table.rows.items():
-                for column, value in zip(table.columns, values, strict=True):
+        for key, table in made.items():
+            if key in ON_PAGE:
+                parts.append(markdown(Table(**table)))
+            for row, values in table["rows"].items():
+                for column, value in zip(table["columns"], values, strict=True):
                     number = "" if value is None else f"{value:.6g}"
                     writer.writerow((group, key, row, column, number))
-    acquisition.write_durably(out / PAGE, ("\n\n".join(parts) + "\n").encode())
+    spent = Table(
+        "groups", "What the groups took", ("seconds", "CPU seconds", "MB"), took, (), {},
+        "CPU seconds are those of all processes and threads, MB is the peak of the largest one.",
+    )  # fmt: skip
+    text = "\n\n".join([_PAGE_PREFACE, *parts, markdown(spent)])
+    acquisition.write_durably(out / PAGE, f"{text}\n".encode())
     acquisition.write_durably(out / FIGURES, figures.getvalue().encode())
 
 

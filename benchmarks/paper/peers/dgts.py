@@ -63,8 +63,8 @@ class Mesh:
     @cached_property
     def faces(self) -> Int64:
         """``(F, 3)`` vertices, counter-clockwise with x to the right and y up."""
-        number = np.arange((self.rows + 1) * (self.columns + 1))
-        number = number.reshape(self.rows + 1, self.columns + 1)
+        count = (self.rows + 1) * (self.columns + 1)
+        number = np.arange(count).reshape(self.rows + 1, self.columns + 1)
         a, b, d, e = number[:-1, :-1], number[:-1, 1:], number[1:, :-1], number[1:, 1:]
         both = np.stack([np.stack([a, d, b], -1), np.stack([b, d, e], -1)], axis=2)
         return both.reshape(-1, 3)
@@ -264,15 +264,15 @@ def generate(
         Number of levels that are used.
     """
     layers: Layers[Float32] = NumpyLayers(weights)
-    moves = np.zeros_like(bases[0])
+    moves = np.zeros(bases[0].shape, np.float32)
     for level in range(levels):
         if level:
-            moves = 2 * doubled(moves)
+            moves = doubled(np.asarray(2 * moves, np.float32))
         grid = bases[level]
         mesh = Mesh(grid.shape[0] - 1, grid.shape[1] - 1)
         start = grid + moves
         made = step(layers, start.reshape(-1, 3), mesh, level, noises[level])
-        moves = made.reshape(grid.shape) - grid
+        moves = np.asarray(made.reshape(grid.shape) - grid, np.float32)
     return np.asarray(bases[levels - 1] + moves, np.float32)
 
 

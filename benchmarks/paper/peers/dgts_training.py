@@ -12,7 +12,7 @@ import processing
 from benchmarks.paper.exemplars import materials
 from benchmarks.paper.peers import dgts
 from benchmarks.paper.peers.checkpoints import converged, load, save, thinned, write_weights
-from benchmarks.paper.peers.layers import OnnxLayers, TorchLayers, first_weights
+from benchmarks.paper.peers.layers import OnnxLayers, TorchLayers, Weights, first_weights
 from rig import Progress
 from rig.arrays import Float32
 
@@ -103,7 +103,7 @@ class Level:
         penalty = _PENALTY * ((steepness - 1) ** 2).mean()
         apart = self.judged(self.real_features).mean() - self.judged(fake).mean()
         self._step("critic", penalty - apart)
-        return apart.item()
+        return float(apart.detach())
 
     def generator_step(self, start: torch.Tensor, noise: Float32) -> float:
         """Take one step of the generator; return the mean square error of its reconstruction."""
@@ -116,7 +116,7 @@ class Level:
         if self.number >= _FIRST_RECONSTRUCTED:
             lost = lost + _RECONSTRUCTION * error
         self._step("generator", lost)
-        return error.item()
+        return float(error.detach())
 
     def set_rate(self, rate: float) -> None:
         for optimizer in self.optimizers.values():
@@ -303,7 +303,7 @@ def write_generators(
     })  # fmt: skip
 
 
-def reconstructed(weights: dict[str, Float32]) -> processing.NormalMap:
+def reconstructed(weights: Weights) -> processing.NormalMap:
     """Return the map that generators make of the noise that was kept for reconstruction."""
     flat = [
         dgts.plane(dgts.COARSEST << level, dgts.COARSEST << level) for level in range(dgts.LEVELS)

@@ -11,7 +11,7 @@ from benchmarks.paper.peers.rdn import Low
 from processing.superres import SuperResolutionModel
 
 # Side of the patches of small sheets.
-_PATCH_PX = 24
+PATCH_PX = 24
 _PAPER = processing.ShapeFilter(order=1)
 
 
@@ -37,13 +37,13 @@ def _superres(model: SuperResolutionModel) -> Callable[[Low], processing.NormalM
 def _synthesis(
     exemplar: processing.NormalMap,
 ) -> Callable[[processing.NormalMap], processing.NormalMap]:
-    return lambda shape: processing.synthesize_onto(exemplar, shape).detail
+    return lambda shape: processing.synthesize_onto(exemplar, shape, patch=PATCH_PX).detail
 
 
 def _sheet(
     exemplar: processing.NormalMap,
 ) -> Callable[[tuple[int, int]], processing.NormalMap]:
-    return lambda size: processing.synthesize(exemplar, size, patch=_PATCH_PX).detail
+    return lambda size: processing.synthesize(exemplar, size, patch=PATCH_PX).detail
 
 
 _SOURCE = "this program"

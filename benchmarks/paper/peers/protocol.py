@@ -18,7 +18,7 @@ Given = TypeVar("Given")
 Asked = TypeVar("Asked")
 Made = TypeVar("Made")
 
-NAMES = ("dspl", "lapl", "efros_leung", "xie2014", "pu_net", "rdn")
+NAMES = ("dspl", "lapl", "efros_leung", "xie2014", "dgts", "pu_net", "rdn")
 
 
 @dataclass(frozen=True)

@@ -154,7 +154,8 @@ def enlarged(points: Float64, weights: Weights) -> Float64:
         members = np.asarray(tree.query(points[seed], count)[1])
         patch, middle, radius = normalised(points[members])
         given = Patches.of(patch[None])
-        children = np.stack(pu_net(layers, given.points, given.arrays), axis=1)
+        made_here: list[Float32] = pu_net(layers, given.points, given.arrays)
+        children = np.stack(made_here, axis=1)
         better = np.arange(count) < rank[members]
         made[members[better]] = middle + radius * children[better].astype(np.float64)
         rank[members[better]] = np.arange(count)[better]

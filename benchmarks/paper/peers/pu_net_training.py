@@ -243,7 +243,8 @@ def train(
         patches = [patch_of(given[random.integers(len(given))], random) for _ in range(_BATCH)]
         inputs, *wanted = (np.stack(one) for one in zip(*patches, strict=True))
         made = _forward(weights, inputs)
-        lost, across = joint_loss(made, *map(torch.from_numpy, wanted), random)
+        target, normals = map(torch.from_numpy, wanted)
+        lost, across = joint_loss(made, target, normals, random)
         optimizer.zero_grad()
         lost.backward()
         optimizer.step()
