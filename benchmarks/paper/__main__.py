@@ -16,7 +16,7 @@ Each group has a folder in --out with tables.json, pictures, height profiles as 
 with parameters, hashes of all inputs, and what the group took. A group that is done is not repeated
 by the same command. paper.md is a page with the main tables of all groups in the folder, paper.csv
 has the figures of all tables. In docs/measured are those of --quick.
---quick stops at 50 thousand points and one run, and uses smaller sheets and parts of maps.
+--quick stops at 160 thousand points and one run, and uses smaller sheets and parts of maps.
 
     python -m benchmarks.paper --out tables --quick
     python -m benchmarks.paper --out tables --table superres --models trained
@@ -63,6 +63,7 @@ ON_PAGE = (
     "headline",
     "synthesis_systems",
     "systems_deg",
+    "distances",
     "surfaces",
     "systems",
 )

@@ -9,7 +9,9 @@ import processing
 import rig
 from benchmarks.paper.comparison import Comparison
 from benchmarks.paper.exemplars import materials
-from benchmarks.paper.peers import dspl, efros_leung, lapl, ours, rdn, xie2014
+from benchmarks.paper.peers import dgts, dspl, efros_leung, lapl, ours, pu_net, rdn, xie2014
+from benchmarks.paper.peers.dgts_training import exemplar_of
+from benchmarks.paper.peers.onnx_weights import read_weights
 from benchmarks.paper.peers.protocol import Peer, costs
 from benchmarks.paper.peers.surfaces import MeshTask, Surfaces
 from benchmarks.paper.sources import Sources
@@ -125,6 +127,7 @@ def _tasks(
             "this program": Work(ours.SUPERRES, on_details, low),
             "RDN on details": Work(rdn.PEER, on_details, low),
             "RDN on normals": Work(rdn.PEER, on_normals, low),
+            "PU-Net": Work(pu_net.PEER, read_weights(pu_net.WEIGHTS), low),
         }
 
     def sheet() -> dict[str, Work]:
@@ -137,9 +140,18 @@ def _tasks(
             "Efros-Leung": Work(efros_leung.PEER, exemplar, size),
         }
 
+    def synthesis() -> dict[str, Work]:
+        name = dgts.EXEMPLARS[0]
+        shape = processing.ShapeFilter().shape(target)
+        return {
+            "this program": Work(ours.SYNTHESIS, exemplar_of(name), shape),
+            "DGTS": Work(dgts.PEER, read_weights(dgts.weights_of(name)), shape),
+        }
+
     return {
         "transfer": transfer,
         "surface": surface,
         "super-resolution": superres,
+        "synthesis": synthesis,
         "sheet": sheet,
     }

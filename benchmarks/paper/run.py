@@ -12,7 +12,7 @@ from benchmarks.paper.sources import Sources
 from benchmarks.paper.transfer import by_resolution, onto_diligent
 from rig import Progress
 
-_QUICK_POINTS = 50_000
+_QUICK_POINTS = 160_000
 
 _PROPERTIES = (
     "# Properties of the detail\n\n"

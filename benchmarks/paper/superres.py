@@ -17,7 +17,7 @@ from benchmarks.paper.peers import rdn
 from benchmarks.paper.sources import Sources
 from benchmarks.paper.superres_judge import DOMAINS, Networks, judge
 from benchmarks.paper.superres_maps import judged_maps
-from benchmarks.paper.superres_peers import compare_systems
+from benchmarks.paper.superres_peers import compare_systems, distances
 from benchmarks.paper.superres_pictures import add_head, add_parts
 from benchmarks.paper.tables import Number, Table
 from rig import Progress
@@ -74,7 +74,7 @@ def run_superres(*, quick: bool, seed: int, models: Path | None, advance: Progre
             add_head(comparison, sources, own, advance)
             add_parts(comparison, sources, own, advance)
             made, panels = compare_systems(maps, advance)
-            comparison.tables += made
+            comparison.tables += [*made, distances(advance)]
             comparison.pictures["systems"] = Picture("All systems, scale 4", panels, 7)
     if sources.data is None:
         text = "SGP_DATA is not set: reliefs, captured maps and the head are left out"

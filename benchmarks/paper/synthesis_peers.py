@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from typing import Any
 
@@ -17,6 +16,7 @@ from benchmarks.paper.peers.onnx_weights import read_weights
 from benchmarks.paper.peers.protocol import Peer, costs
 from benchmarks.paper.sources import Sources
 from benchmarks.paper.tables import Number, Table
+from benchmarks.paper.trained import description, loss_panel, training_note
 from rig import Progress
 from sgp.pictures import Panel, lit_panel
 
@@ -61,6 +61,7 @@ def compare_systems(sources: Sources, advance: Progress) -> tuple[Table, list[Pa
                 rows[f"{name} on {where}, {label}"] = [*_figures(detail, exemplar), *figures]
                 panels.append(lit_panel(f"{name} on {where}: {label}", result))
         notes.append(_training(name))
+        panels.append(loss_panel("DGTS: error of the reconstruction", dgts.weights_of(name)))
     note = (
         f"Exemplars: {dgts.EXEMPLAR_PX} x {dgts.EXEMPLAR_PX} pixels. Sheets: {_SHEET_PX} x "
         f"{_SHEET_PX} pixels. SSIM with what was meant, in the usual protocol: of the exemplar's "
@@ -177,13 +178,11 @@ def _flat_like(shape: processing.NormalMap) -> processing.NormalMap:
 
 
 def _training(name: str) -> str:
-    path = dgts.weights_of(name).with_suffix(".json")
-    described = json.loads(path.read_text(encoding="utf-8"))
-    training = described["training"]
-    text = (
+    path = dgts.weights_of(name)
+    described = description(path)
+    iterations = ", ".join(map(str, described["training"]["iterations"]))
+    return (
         f"DGTS on {name}: {described['weights']:,} weights (the original: "
         f"{described['published_weights']:,}), {described['faces'][-1]:,} faces at the last level "
-        f"(81,920), {', '.join(map(str, training['iterations']))} iterations (2,000 each), trained "
-        f"in {training['cpu_s'] / 60:.0f} CPU minutes"
+        f"(81,920), {iterations} iterations (2,000 each), {training_note(path)}."
     )
-    return f"{text}." if described["converged"] else f"{text}; its loss has NOT CONVERGED."

@@ -138,7 +138,7 @@ def test_all_tables_are_written(tmp_path, monkeypatch, capsys) -> None:
     written = json.loads((tmp_path / "superres" / "tables.json").read_text(encoding="utf-8"))
     assert set(written) == {
         "errors_x4", "domains_x4", "deviations_x4", "cost", "systems_deg", "systems_ssim",
-        "systems_px",
+        "systems_px", "distances",
     }  # fmt: skip
     for name in smooth():
         bicubic, ours = written["errors_x4"]["rows"][name][:2]

@@ -217,7 +217,7 @@ def sampled(heights: Float64, step: int, rows: int, columns: int) -> Float32:
     """
     smooth = heights.astype(np.float32)
     if step > 1:
-        smooth = cv2.GaussianBlur(smooth, (0, 0), step / 3)
+        smooth = np.asarray(cv2.GaussianBlur(smooth, (0, 0), step / 3), np.float32)
     row, column = (
         np.minimum(step * np.arange(count + 1), length - 1)
         for count, length in zip((rows, columns), heights.shape, strict=True)

@@ -47,7 +47,7 @@ _LAST = (32, 3)
 _XYZ = 3
 # Share of the points of a patch that no other patch has, in inference.
 _OWN = 0.4
-_SCALE = 4
+SCALE = 4
 # Points to which a normal is fitted.
 _FITTED = 16
 
@@ -181,7 +181,7 @@ def map_of(low: Low, scale: int, weights: Weights) -> processing.NormalMap:
 
 
 def _fit(weights: Weights) -> Callable[[Low], processing.NormalMap]:
-    return lambda low: map_of(low, _SCALE, weights)
+    return lambda low: map_of(low, SCALE, weights)
 
 
 PEER = Peer("PU-Net", "Yu et al., CVPR 2018", _fit)
