@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 from hashlib import sha256
@@ -421,3 +422,38 @@ def test_markdown_has_a_line_for_each_row_and_says_what_is_missing():
     assert "| row | 0.1239 | n/a |" in text
     assert "| theirs | 1235 |" in text
     assert text.endswith("Note.")
+
+
+MEASURED = Path(__file__).parents[2] / "docs" / "measured"
+
+
+def figures(path: Path) -> dict[tuple[str, str, str, str], float | None]:
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.reader(file))[1:]
+    return {(a, b, c, d): float(value) if value else None for a, b, c, d, value in rows}
+
+
+def test_the_page_in_docs_has_all_groups_and_the_figures_of_its_tables():
+    known = figures(MEASURED / "paper.csv")
+    assert {key[0] for key in known} == set(command.TABLES)
+    page = (MEASURED / "paper.md").read_text(encoding="utf-8")
+    for key in command.ON_PAGE:
+        rows = {row for _, table, row, _ in known if table == key}
+        assert rows, key
+        assert all(f"| {row} |" in page for row in rows)
+
+
+@needs_data
+@pytest.mark.slow
+@pytest.mark.parametrize("group", ["properties", "surface"])
+def test_the_figures_in_docs_are_those_of_the_command(group, tmp_path):
+    assert command.main(["--table", group, "--out", str(tmp_path), "--quick"]) == 0
+    made, known = (figures(folder / "paper.csv") for folder in (tmp_path, MEASURED))
+    known = {key: value for key, value in known.items() if key[0] == group}
+    assert set(made) == set(known)
+    for key, value in known.items():
+        if key[3].endswith("CPU s") or key[3].startswith("MB"):
+            continue  # costs depend on the machine
+        assert made[key] == (None if value is None else pytest.approx(value, rel=0.02, abs=0.02)), (
+            key
+        )

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 PEER = "dgts"
 # Of each level; the original has 2,000. One iteration of the last level takes as long as 30 of the
 # first.
-ITERATIONS = (600, 600, 600, 400, 240)
+ITERATIONS = (600, 600, 500, 250, 120)
 _SEED = 7  # of the material
 _MARGIN_PX = 30
 # As published: steps, weights of losses, and Adam, whose rate is halved four times in a level.
