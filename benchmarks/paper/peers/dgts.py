@@ -37,6 +37,7 @@ CELLS = COARSEST << LEVELS - 1
 # The last level has a vertex at each pixel.
 EXEMPLAR_PX = CELLS + 1
 NOISE = 0.1  # standard deviation of the noise of vertices, in cells
+_RIM_CELLS = 2  # around a target, of the first level
 _EDGES, _FEATURES, _CONVOLUTIONS = 3, 4, 6
 _NARROW, _WIDE = 32, 128
 EXEMPLARS = ("lizard scales", "textile")
@@ -335,12 +336,15 @@ def onto(target: processing.NormalMap, weights: Weights, seed: int) -> processin
     mask = target.mask[window].copy()
     surface = processing.integrate(processing.NormalMap(target.normals[window].copy(), mask))
     heights = np.asarray(surface.height, np.float64)[_nearest(surface.mask)]
+    # Generators do not know rims but that of the exemplar: they lie outside the window.
+    rim = _RIM_CELLS << LEVELS - 1
+    heights = np.pad(heights, rim, mode="edge")
     most = 1 << LEVELS - 1
-    rows, columns = (-(-(length - 1) // most) * most for length in mask.shape)
+    rows, columns = (-(-(length - 1) // most) * most for length in heights.shape)
     bases = with_levels(heights, rows, columns)
-    made = normals_of(generate(weights, bases, noises_of(bases, seed)), mask)
+    made = normals_of(generate(weights, bases, noises_of(bases, seed)), np.pad(mask, rim))
     normals = np.zeros_like(target.normals)
-    normals[window] = made.normals
+    normals[window] = made.normals[rim:-rim, rim:-rim]
     return processing.NormalMap(normals, target.mask)
 
 
