@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.ndimage import binary_erosion
 from scipy.spatial.transform import Rotation
 
 import acquisition
@@ -201,9 +202,8 @@ def test_generators_without_effect_keep_a_target():
     made = dgts.onto(target, weights, seed=1)
     assert (made.mask == target.mask).all()
     # At the rim, normals depend on how the surface is continued.
-    error = processing.angular_error(made, target)
-    assert error.median_deg < 1e-4
-    assert error.mae_deg < 0.5
+    inner = binary_erosion(target.mask, iterations=3)
+    assert processing.angular_error(made, target).map_deg[inner].max() < 0.05
 
 
 def test_noise_changes_what_generators_make():
