@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import processing
-from benchmarks.paper import exemplars, sheets
+from benchmarks.paper import exemplars, sheets, synthesis_peers
 from benchmarks.paper.__main__ import main
 from benchmarks.paper.sources import Sources
 from rig import no_progress
@@ -19,6 +19,9 @@ from sgp import read_record
 def small(monkeypatch):
     """Use small exemplars and sheets, and no data."""
     monkeypatch.delenv("SGP_DATA", raising=False)
+    # Those of the trained peer have the size that it was trained on.
+    whole = {name: synthesis_peers.exemplar_of(name) for name in synthesis_peers.trained()}
+    monkeypatch.setattr(synthesis_peers, "exemplar_of", whole.__getitem__)
     monkeypatch.setattr(exemplars, "SIDE_PX", 96)
     monkeypatch.setattr(sheets, "_QUICK_SIDE_PX", 300)
     monkeypatch.setattr(sheets, "_SAME_MPX", 0.02)
