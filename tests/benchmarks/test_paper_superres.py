@@ -131,6 +131,7 @@ def test_networks_of_a_folder_are_those_of_the_scale(tmp_path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_all_tables_are_written(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.delenv("SGP_DATA", raising=False)
     assert main(["--table", "superres", "--out", str(tmp_path), "--quick"]) == 0
