@@ -17,14 +17,13 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 from harness import Table, alone, command_line, measured
 
-import acquisition
 import processing
+from benchmarks.paper.surface import error_mm, object_of
 from processing.surface.jumps import SHARPNESS
-from rig.arrays import Bool, Float64, Int32
+from rig.arrays import Float64, Int32
 
 # Mean errors in mm of the authors' code of bilateral normal integration.
 BINI = {
@@ -40,39 +39,10 @@ STEP_MM = 5.0
 LEAST_SHARE = 0.01
 
 
-def object_of(folder: Path) -> tuple[processing.NormalMap, acquisition.CameraModel, Float64]:
-    """Return normals, camera and true depth of an object."""
-    read = processing.read_normals(folder / "normal_map.png").normal_map
-    mask = acquisition.read_mask(folder / "mask.png", read.size)
-    with np.load(folder / "depth_gt.npz") as stored:
-        depth = stored[stored.files[0]].astype(np.float64)
-    camera = acquisition.read_camera(folder / "K.txt", read.size)
-    return processing.NormalMap.from_vectors(read.normals, mask), camera, depth
-
-
 def noisy(normals: processing.NormalMap, noise_deg: float, seed: int) -> processing.NormalMap:
     """Return normals with noise on each component."""
     noise = np.random.default_rng(seed).normal(scale=np.radians(noise_deg), size=(*normals.size, 3))
     return processing.NormalMap.from_vectors(normals.normals + noise, normals.mask)
-
-
-def error_mm(surface: processing.HeightMap, depth: Float64, mask: Bool) -> float:
-    """Return the mean absolute error; a pixel without a depth has that of the nearest one."""
-    estimate = filled(surface, mask)
-    scale = np.median(depth[mask] / estimate[mask])
-    return float(np.abs(depth - scale * estimate)[mask].mean())
-
-
-def filled(surface: processing.HeightMap, mask: Bool) -> Float64:
-    depth, known = np.asarray(surface.depth), surface.mask
-    if not (mask & ~known).any():
-        return depth.astype(np.float64)
-    _, nearest = cv2.distanceTransformWithLabels(
-        (~known).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    values = np.zeros(nearest.max() + 1)
-    values[nearest[known]] = depth[known]
-    return values[nearest]
 
 
 def pieces_of(surface: processing.HeightMap) -> Int32:

@@ -16,17 +16,16 @@ from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 
 import processing
 import rig
 from benchmarks.harness import peak_begins, resident_bytes
-from benchmarks.paper.peers.dspl import Displacement
-from benchmarks.paper.peers.lapl import LaplacianEditing, superlu
+from benchmarks.paper.peers import dspl, lapl
 from benchmarks.paper.peers.mesh import GridMesh
-from benchmarks.paper.peers.surfaces import Surfaces
+from benchmarks.paper.peers.surfaces import MeshTask, Surfaces
 from rig.arrays import Bool, Float32
 
 Method = Literal["DSPL", "LAPL", "LAPL, direct solver", "normals", "normals, order 8"]
@@ -38,18 +37,12 @@ _ORDERS = {"normals": 1, "normals, order 8": 8}
 _MEMORY_RUNS = 3
 
 
-class Peer(Protocol):
-    """A mesh method after the computations that depend on its target only."""
-
-    def put(self, source: Float32) -> Float32:
-        """Transfer a source's detail to the target; return ``(V, 3)`` vertices."""
-
-
-MakePeer = Callable[[Float32, GridMesh, Bool | None, int], Peer]
-PEERS: Mapping[str, MakePeer] = {
-    "DSPL": Displacement,
-    "LAPL": LaplacianEditing,
-    "LAPL, direct solver": partial(LaplacianEditing, factorise=superlu),
+# A mesh method: it prepares a target and returns the transfer of a source's vertices.
+Fit = Callable[[MeshTask], Callable[[Float32], Float32]]
+PEERS: Mapping[str, Fit] = {
+    dspl.PEER.name: dspl.PEER.fit,
+    lapl.PEER.name: lapl.PEER.fit,
+    "LAPL, direct solver": partial(lapl.fit, factorise=lapl.superlu),
 }
 
 
@@ -99,7 +92,6 @@ def measure(
     region: Bool | None = None,
     w: int = 5,
     runs: int = 1,
-    script: Path | None = None,
 ) -> dict[str, Measured]:
     """Transfer detail with several methods in a new process, one after another, with warm caches.
 
@@ -110,7 +102,7 @@ def measure(
     Parameters
     ----------
     methods
-        Names from `Method`, or other methods that `script` knows.
+        Names from `Method`.
     source, target
         Maps of the same size; the source is already placed over the target.
     region
@@ -119,8 +111,6 @@ def measure(
         Half width of the paper's filter.
     runs
         Number of runs.
-    script
-        Script that calls `run_methods`. Default: this module.
     """
     from simulator.bench import OwnedFolder  # not in the process that is measured
 
@@ -135,11 +125,7 @@ def measure(
             region=mask if region is None else region & mask,
             whole=region is None,
         )
-        arguments = (inputs, outputs, w, runs, *methods)
-        if script is None:
-            call = rig.processes.module_command(__name__, *arguments)
-        else:
-            call = [sys.executable, "-P", str(script), *map(str, arguments)]
+        call = rig.processes.module_command(__name__, inputs, outputs, w, runs, *methods)
         # Idle threads sleep, as in `sgp`, and BLAS uses one thread; otherwise spinning threads
         # would count as CPU time.
         environment = os.environ | {"OMP_WAIT_POLICY": "passive", "OPENBLAS_NUM_THREADS": "1"}
@@ -164,19 +150,18 @@ class _Bench:
         target: processing.NormalMap,
         region: Bool | None,
         w: int,
-        peers: Mapping[str, MakePeer],
     ) -> None:
-        self._source, self._target, self._w, self._peers = source, target, w, peers
+        self._source, self._target, self._w = source, target, w
         self._surfaces = Surfaces.of(source, target)
         self._region = None if region is None else region[self._surfaces.mesh.mask]
 
     def prepare(self, method: str) -> Callable[[], processing.NormalMap | Float32]:
         """Do the computations that depend on the target only; return a function for the rest."""
-        if method in self._peers:
+        if method in PEERS:
             surfaces = self._surfaces
             mesh = GridMesh(surfaces.mesh.mask, surfaces.mesh.faces)  # with an empty cache
-            peer = self._peers[method](surfaces.target, mesh, self._region, self._w)
-            return partial(peer.put, surfaces.source)
+            put = PEERS[method](MeshTask(surfaces.target, mesh, self._region, self._w))
+            return partial(put, surfaces.source)
         order = _ORDERS[method]
         by = processing.ShapeFilter(order=order, w=self._w)
         shape = by.shape(self._target)
@@ -218,15 +203,13 @@ def cost(work: Callable[[], Any]) -> list[float | None]:
     return [cpu, wall, measured[0] / 1e6 if measured else None]
 
 
-def run_methods(arguments: Sequence[str], peers: Mapping[str, MakePeer] = PEERS) -> None:
+def run_methods(arguments: Sequence[str]) -> None:
     """Run the measurements in the process that `measure` starts.
 
     Parameters
     ----------
     arguments
         Command line arguments, as `measure` writes them.
-    peers
-        All mesh methods by name.
     """
     inputs, outputs, w, runs = (
         Path(arguments[0]),
@@ -245,8 +228,8 @@ def run_methods(arguments: Sequence[str], peers: Mapping[str, MakePeer] = PEERS)
     flat = processing.NormalMap(
         np.tile(np.array([0, 0, 1], np.float32), (140, 140, 1)), np.ones((140, 140), bool)
     )
-    warm = _Bench(flat, flat, None, w, peers)
-    bench = _Bench(source, target, region, w, peers)
+    warm = _Bench(flat, flat, None, w)
+    bench = _Bench(source, target, region, w)
     figures, results = {}, []
     for method in arguments[4:]:
         warm.prepare(method)()

@@ -1,4 +1,4 @@
-"""Compute all tables of the comparison, in the order of the paper."""
+"""The groups of properties and of transfers: all tables that the available data allow."""
 
 from __future__ import annotations
 
@@ -12,20 +12,52 @@ from benchmarks.paper.sources import Sources
 from benchmarks.paper.transfer import by_resolution, onto_diligent
 from rig import Progress
 
-_QUICK_POINTS = 50_000
+_QUICK_POINTS = 160_000
 
-_PREFACE = (
-    "# The paper's tables\n\n"
-    "Surface Geometry Processing: An Efficient Normal-based Detail Representation. Every table is "
-    "followed by the one that the paper prints. The paper's surfaces are not available, and the "
-    "computer is another one: read the paper's figures as context and the figures of the peers as "
-    "comparison. The rows 'from the same surfaces' and 'as surfaces' compare the methods under "
-    "equal conditions."
+_PROPERTIES = (
+    "# Properties of the detail\n\n"
+    "Every table is followed by the one that the paper prints. Its surfaces are not available: "
+    "read its figures as context."
+)
+_TRANSFERS = (
+    "# Transfers\n\n"
+    "Every table is followed by the one that the paper prints, on other surfaces and another "
+    "computer. The rows 'from the same surfaces' and 'as surfaces' compare the methods under equal "
+    "conditions."
 )
 
 
-def run_all(*, quick: bool, runs: int | None, advance: Progress) -> Comparison:
-    """Compute all tables that the available data allow.
+def run_properties(*, quick: bool, advance: Progress) -> Comparison:
+    """Compute the tables of the properties of the detail; `quick` leaves nothing out.
+
+    Parameters
+    ----------
+    quick
+        Has no effect.
+    advance
+        Called before each step: what it does, and how much of this table is done.
+    """
+    del quick
+    sources, comparison = Sources.found(), Comparison(_PROPERTIES)
+    textures = sources.textures()
+    alike, apart, again, panels = of_textures(textures, advance)
+    comparison.tables += [alike, apart, again]
+    comparison.pictures["separability"] = Picture(
+        "Details, and the shape left in them (order 8)", panels, 4
+    )
+    if sources.data is not None:
+        comparison.tables.append(chain(sources, advance))
+    exchanged = exchange(textures, advance)
+    comparison.add("cross_exchange", "Details exchanged (order 8)", 4, *exchanged)
+    if sources.data is None:
+        text = "SGP_DATA is not set: owl, plant and chain are left out; all data are simulated"
+        comparison.left_out.append(rig.Notice("bench-without-data", text))
+    comparison.files = sorted(sources.files)
+    return comparison
+
+
+def run_transfers(*, quick: bool, runs: int | None, advance: Progress) -> Comparison:
+    """Compute the tables of transfers.
 
     Parameters
     ----------
@@ -37,29 +69,18 @@ def run_all(*, quick: bool, runs: int | None, advance: Progress) -> Comparison:
         Called before each step: what it does, and how much of this table is done.
     """
     runs = runs or (1 if quick else 10)
-    sources = Sources.found()
-    comparison = Comparison(_PREFACE)
-    textures = sources.textures()
-    alike, apart, again, panels = of_textures(textures, advance)
-    comparison.tables += [alike, apart, again]
-    comparison.pictures["separability"] = Picture(
-        "Details, and the shape left in them (order 8)", panels, 4
-    )
-    if sources.data is not None:
-        comparison.tables.append(chain(sources, advance))
-    exchanged = exchange(textures, advance)
-    comparison.add("cross_exchange", "Details exchanged (order 8)", 4, *exchanged)
+    sources, comparison = Sources.found(), Comparison(_TRANSFERS)
     points = [count for count in paper.POINTS if not quick or count <= _QUICK_POINTS]
     tables, panels = by_resolution(sources, points, runs, advance)
     comparison.tables += tables
     comparison.pictures["resolution"] = Picture("One transfer by four methods", panels, 4)
-    table, comparison.profiles, panels = height_profiles(sources, textures, advance)
+    table, comparison.profiles, panels = height_profiles(sources, sources.textures(), advance)
     title = "Heights, sorted by the target's (order 8)"
     comparison.add("height_profile", title, 2, table, panels)
     if sources.data is None:
         text = (
-            "SGP_DATA is not set: owl, plant, bunny, DiLiGenT targets, chain and local transfers "
-            "are left out; all data here are simulated"
+            "SGP_DATA is not set: bunny, DiLiGenT targets and local transfers are left out; all "
+            "data are simulated"
         )
         comparison.left_out.append(rig.Notice("bench-without-data", text))
     else:

@@ -17,6 +17,7 @@ from benchmarks.paper.exemplars import captured, materials, structured
 from benchmarks.paper.measure import cost
 from benchmarks.paper.pixel_by_pixel import pixel_by_pixel
 from benchmarks.paper.sources import Sources
+from benchmarks.paper.synthesis_peers import compare_systems, trained
 from benchmarks.paper.tables import Number, Table
 from rig import Progress
 from sgp.pictures import Crop, Panel, lit_panel
@@ -75,6 +76,9 @@ def run_sheets(*, quick: bool, seed: int, advance: Progress, side: int | None = 
     table, comparison.profiles, panels = _onto_target(sources, simulated, advance)
     title = "Heights, sorted by the target's (order 8)"
     comparison.add("height_profile", title, 4, table, panels)
+    if trained():
+        table, panels = compare_systems(sources, advance)
+        comparison.add("synthesis_systems", "Synthesis by all systems", 6, table, panels)
     if sources.data is None:
         text = "SGP_DATA is not set: reliefs, owl, plant and cat are left out; all is simulated"
         comparison.left_out.append(rig.Notice("bench-without-data", text))

@@ -11,11 +11,13 @@ import acquisition
 import processing
 import rig
 from benchmarks.paper import superres_tables as tables
-from benchmarks.paper.comparison import Comparison
+from benchmarks.paper.comparison import Comparison, Picture
 from benchmarks.paper.measure import cost
+from benchmarks.paper.peers import rdn
 from benchmarks.paper.sources import Sources
 from benchmarks.paper.superres_judge import DOMAINS, Networks, judge
 from benchmarks.paper.superres_maps import judged_maps
+from benchmarks.paper.superres_peers import compare_systems, distances
 from benchmarks.paper.superres_pictures import add_head, add_parts
 from benchmarks.paper.tables import Number, Table
 from rig import Progress
@@ -47,6 +49,7 @@ def run_superres(*, quick: bool, seed: int, models: Path | None, advance: Progre
         Seed of the simulated materials.
     models
         Folder with networks of several seeds of the training, on which the domains are compared.
+        Default: one of each domain, those of the peer RDN.
     advance
         Called before each step: what it does, and how much of this table is done.
     """
@@ -70,6 +73,9 @@ def run_superres(*, quick: bool, seed: int, models: Path | None, advance: Progre
             comparison.tables.append(_cost(own, advance))
             add_head(comparison, sources, own, advance)
             add_parts(comparison, sources, own, advance)
+            made, panels = compare_systems(maps, advance)
+            comparison.tables += [*made, distances(advance)]
+            comparison.pictures["systems"] = Picture("All systems, scale 4", panels, 7)
     if sources.data is None:
         text = "SGP_DATA is not set: reliefs, captured maps and the head are left out"
         comparison.left_out.append(rig.Notice("bench-without-data", text))
@@ -81,7 +87,7 @@ def run_superres(*, quick: bool, seed: int, models: Path | None, advance: Progre
 
 
 def networks(models: Path | None, scale: int) -> Networks:
-    """Return the networks of a scale in a folder by domain.
+    """Return the networks of a scale in a folder by domain; without one, those of the peer RDN.
 
     Raises
     ------
@@ -91,7 +97,10 @@ def networks(models: Path | None, scale: int) -> Networks:
         If a network has no description.
     """
     found: Networks = {}
-    for path in sorted(models.glob("*.onnx")) if models is not None else ():
+    if models is None:
+        own = rdn.models() if scale == rdn.SCALE else ()
+        return {model.domain: [model] for model in own}
+    for path in sorted(models.glob("*.onnx")):
         try:
             model = processing.superres.read_superres_model(path, scale)
         except acquisition.DataError as error:

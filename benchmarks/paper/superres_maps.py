@@ -53,7 +53,7 @@ def judged_maps(sources: Sources, seed: int, *, quick: bool) -> Iterator[Judged]
         Use the middle 256 x 256 pixels.
     """
     for kind, name, truth in _complete(sources, seed):
-        yield Judged(kind, name, _middle(truth, _QUICK_PX) if quick else truth)
+        yield Judged(kind, name, middle(truth, _QUICK_PX) if quick else truth)
 
 
 def _complete(sources: Sources, seed: int) -> Iterator[tuple[str, str, processing.NormalMap]]:
@@ -138,7 +138,8 @@ def head(
     return low.normal_map, high.normal_map
 
 
-def _middle(normal_map: processing.NormalMap, side: int) -> processing.NormalMap:
+def middle(normal_map: processing.NormalMap, side: int) -> processing.NormalMap:
+    """Return the middle of a map, at most `side` pixels wide and high."""
     rows, columns = (
         slice(max((length - side) // 2, 0), max((length - side) // 2, 0) + side)
         for length in normal_map.size

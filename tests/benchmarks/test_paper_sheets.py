@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import processing
-from benchmarks.paper import exemplars, sheets
+from benchmarks.paper import exemplars, sheets, synthesis_peers
 from benchmarks.paper.__main__ import main
 from benchmarks.paper.sources import Sources
 from rig import no_progress
@@ -19,6 +19,9 @@ from sgp import read_record
 def small(monkeypatch):
     """Use small exemplars and sheets, and no data."""
     monkeypatch.delenv("SGP_DATA", raising=False)
+    # Those of the trained peer have the size that it was trained on.
+    whole = {name: synthesis_peers.exemplar_of(name) for name in synthesis_peers.trained()}
+    monkeypatch.setattr(synthesis_peers, "exemplar_of", whole.__getitem__)
     monkeypatch.setattr(exemplars, "SIDE_PX", 96)
     monkeypatch.setattr(sheets, "_QUICK_SIDE_PX", 300)
     monkeypatch.setattr(sheets, "_SAME_MPX", 0.02)
@@ -50,14 +53,21 @@ def test_tiles_repeat_and_sheets_do_not(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.usefixtures("small")
 def test_all_tables_are_written(tmp_path, capsys):
-    assert main(["--table", "synthesis", "--out", str(tmp_path / "sheets"), "--quick"]) == 0
+    assert main(["--table", "synthesis", "--out", str(tmp_path), "--quick"]) == 0
     assert "warning: SGP_DATA is not set" in capsys.readouterr().err
-    assert read_record(tmp_path / "sheets" / "bench.json").metrics == {"tables": 5}
-    tables = json.loads((tmp_path / "sheets" / "tables.json").read_text(encoding="utf-8"))
-    text = (tmp_path / "sheets" / "tables.md").read_text(encoding="utf-8")
-    assert set(tables) == {"sheets", "structured", "efros_leung", "cost", "onto_target"}
-    # Only the cost is printed in the paper.
-    assert text.count("The paper:") == 1
+    assert read_record(tmp_path / "synthesis" / "bench.json").metrics["tables"] == 6
+    tables = json.loads((tmp_path / "synthesis" / "tables.json").read_text(encoding="utf-8"))
+    text = (tmp_path / "synthesis" / "tables.md").read_text(encoding="utf-8")
+    assert set(tables) == {
+        "sheets",
+        "structured",
+        "efros_leung",
+        "cost",
+        "onto_target",
+        "synthesis_systems",
+    }
+    # Only the cost, and what the systems have on other targets, is printed in the paper.
+    assert text.count("The paper:") == 2
     for table in tables.values():
         assert table["title"] in text
         assert all(len(row) == len(table["columns"]) for row in table["rows"].values())
@@ -66,7 +76,7 @@ def test_all_tables_are_written(tmp_path, capsys):
     assert tables["cost"]["paper_rows"] == {"1.67 million vertices": [11.88, 857.0]}
     assert list(tables["cost"]["rows"]) == ["0.02 million pixels"]
     for name in ("sheets", "structured", "height_profile"):
-        assert (tmp_path / "sheets" / f"{name}.png").stat().st_size > 10_000
+        assert (tmp_path / "synthesis" / f"{name}.png").stat().st_size > 10_000
 
 
 def test_a_drawn_exemplar_has_no_slope_on_its_bricks():

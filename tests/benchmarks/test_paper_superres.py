@@ -118,7 +118,11 @@ def test_a_map_is_judged_against_itself() -> None:
 
 
 def test_networks_of_a_folder_are_those_of_the_scale(tmp_path) -> None:
-    assert bench.networks(None, 4) == {}
+    assert bench.networks(None, 2) == {}
+    assert {name: len(each) for name, each in bench.networks(None, 4).items()} == {
+        "detail": 1,
+        "normals": 1,
+    }
     found = bench.networks(MODELS, 4)
     assert [model.name for each in found.values() for model in each] == ["superres-x4"]
     shutil.copy(MODELS / "superres-x4.onnx", tmp_path)
@@ -127,12 +131,16 @@ def test_networks_of_a_folder_are_those_of_the_scale(tmp_path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_all_tables_are_written(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.delenv("SGP_DATA", raising=False)
-    assert main(["--table", "superres", "--out", str(tmp_path / "b"), "--quick"]) == 0
+    assert main(["--table", "superres", "--out", str(tmp_path), "--quick"]) == 0
     assert "warning: SGP_DATA is not set" in capsys.readouterr().err
-    written = json.loads((tmp_path / "b" / "tables.json").read_text(encoding="utf-8"))
-    assert set(written) == {"errors_x4", "deviations_x4", "cost"}
+    written = json.loads((tmp_path / "superres" / "tables.json").read_text(encoding="utf-8"))
+    assert set(written) == {
+        "errors_x4", "domains_x4", "deviations_x4", "cost", "systems_deg", "systems_ssim",
+        "systems_px", "distances",
+    }  # fmt: skip
     for name in smooth():
         bicubic, ours = written["errors_x4"]["rows"][name][:2]
         assert ours <= 1.01 * bicubic + 1e-4

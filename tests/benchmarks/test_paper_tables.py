@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 from hashlib import sha256
@@ -45,6 +46,15 @@ def check_curve(path: Path, rms: float) -> None:
     assert (np.diff(target) >= 0).all()
     assert np.sqrt(np.mean((result - target) ** 2)) == pytest.approx(rms, rel=0.1)
     assert np.std(smoothed - target) < np.std(target)
+
+
+def read_tables(folder: Path) -> tuple[dict, str]:
+    """Return the tables of properties and of transfers, and their text."""
+    made, text = {}, ""
+    for group in ("properties", "transfer"):
+        made |= json.loads((folder / group / "tables.json").read_text(encoding="utf-8"))
+        text += (folder / group / "tables.md").read_text(encoding="utf-8")
+    return made, text
 
 
 def check(made: dict, markdown_text: str) -> None:
@@ -129,17 +139,36 @@ def asked(monkeypatch) -> list[dict[str, object]]:
     return calls
 
 
-def test_the_record_has_the_parameters_and_the_number_of_tables(asked, tmp_path):
+def test_the_record_has_the_parameters_and_what_the_group_took(asked, tmp_path):
     assert command.main(["--out", str(tmp_path), "--quick"]) == 0
-    found = read_record(tmp_path / "bench.json")
+    assert len(asked) == len(command.TABLES)
+    found = read_record(tmp_path / "transfer" / "bench.json")
     assert found.command == "python -m benchmarks.paper --table transfer"
     assert found.parameters == {"quick": True, "runs": None}
-    assert found.metrics == {"tables": 0}
+    assert found.metrics["tables"] == 0
+    assert set(found.metrics) == {"tables", "wall_s", "cpu_s", "peak_mb"}
+    page = (tmp_path / "paper.md").read_text(encoding="utf-8")
+    assert all(f"| {group} |" in page for group in command.TABLES)
+
+
+def test_a_group_that_is_done_is_not_repeated(asked, tmp_path, capsys):
+    words = ["--table", "surface", "--out", str(tmp_path)]
+    assert command.main(words) == command.main(words) == 0
+    assert len(asked) == 1
+    assert "surface: done before" in capsys.readouterr().err
+    assert command.main([*words, "--quick"]) == 2
+    assert "made with other options: give another --out" in capsys.readouterr().err
+    assert command.main([*words, "--quick", "--force"]) == 0
+    assert len(asked) == 2
+    # The other groups are added to the same page.
+    assert command.main(["--out", str(tmp_path), "--quick"]) == 0
+    assert len(asked) == 1 + len(command.TABLES)
 
 
 def test_options_reach_their_tables(asked, tmp_path):
     for index, words in enumerate(
-        ("", "--quick --runs 4", "--table synthesis", "--table synthesis --quick --seed 3",
+        ("--table transfer", "--table transfer --quick --runs 4", "--table synthesis",
+         "--table synthesis --quick --seed 3",
          f"--table superres --models {tmp_path / '0'}")
     ):  # fmt: skip
         assert command.main(["--out", str(tmp_path / str(index)), *words.split()]) == 0
@@ -159,7 +188,7 @@ def test_options_reach_their_tables(asked, tmp_path):
         ("--table synthesis --seed -1", "invalid number value: '-1'"),
         ("--table nonsense", "invalid choice: 'nonsense'"),
         ("--table superres --runs 2", "--runs is not an option of --table superres"),
-        ("--models .", "--models is not an option of --table transfer"),
+        ("--table transfer --models .", "--models is not an option of --table transfer"),
     ],
 )
 def test_bad_options_are_refused(asked, tmp_path, capsys, words, message):
@@ -171,15 +200,17 @@ def test_bad_options_are_refused(asked, tmp_path, capsys, words, message):
 
 
 def test_folders_that_cannot_be_used_are_refused_before_the_work(asked, tmp_path, capsys):
-    (tmp_path / "a").write_text("kept")
-    assert command.main(["--out", str(tmp_path)]) == 2
-    assert "already contains files" in capsys.readouterr().err
-    words = f"--table superres --models {tmp_path / 'none'} --out {tmp_path / 'b'}".split()
+    (tmp_path / "surface").mkdir()
+    (tmp_path / "surface" / "a").write_text("kept")
+    words = ["--table", "surface", "--out", str(tmp_path)]
     assert command.main(words) == 2
+    assert "already contains files" in capsys.readouterr().err
+    other = f"--table superres --models {tmp_path / 'none'} --out {tmp_path / 'b'}".split()
+    assert command.main(other) == 2
     assert "no such folder" in capsys.readouterr().err
     assert asked == []
-    assert command.main(["--out", str(tmp_path), "--force"]) == 0
-    assert (tmp_path / "a").read_text() == "kept"
+    assert command.main([*words, "--force"]) == 0
+    assert (tmp_path / "surface" / "a").read_text() == "kept"
 
 
 def test_steps_state_the_time_left(monkeypatch):
@@ -197,13 +228,13 @@ def test_steps_state_the_time_left(monkeypatch):
 @pytest.mark.usefixtures("small")
 def test_without_data_the_tables_are_simulated_and_say_so(tmp_path, monkeypatch, capsys):
     monkeypatch.delenv("SGP_DATA", raising=False)
-    assert command.main(["--out", str(tmp_path / "tables"), "--quick"]) == 0
+    for group in ("properties", "transfer"):
+        assert command.main(["--out", str(tmp_path), "--quick", "--table", group]) == 0
     said = capsys.readouterr().err
     assert "warning: SGP_DATA is not set" in said
     assert "note: --quick" in said
     assert "cloth (simulated)" in said
-    made = json.loads((tmp_path / "tables" / "tables.json").read_text(encoding="utf-8"))
-    text = (tmp_path / "tables" / "tables.md").read_text(encoding="utf-8")
+    made, text = read_tables(tmp_path)
     assert set(made) == {
         "shape_similarity", "separability", "idempotence", "cross_exchange", "resolution",
         "resolution_spread", "headline", "height_profile",
@@ -214,13 +245,13 @@ def test_without_data_the_tables_are_simulated_and_say_so(tmp_path, monkeypatch,
     # Both cells of the headline are missing, so it must not have a value.
     assert made["headline"]["rows"]["normals"] == [None] * 4
     assert made["headline"]["columns"][:2] == ["memory ratio", "time ratio"]
-    assert (tmp_path / "tables" / "resolution.png").stat().st_size > 10_000
-    assert json.loads((tmp_path / "tables" / "bench.json").read_text())["inputs"] == {}
+    assert (tmp_path / "transfer" / "resolution.png").stat().st_size > 10_000
+    assert read_record(tmp_path / "transfer" / "bench.json").inputs == {}
     heights = made["height_profile"]
     assert heights["columns"] == [f"{name} (simulated) on bowl (simulated)" for name in STAND_INS]
-    assert (tmp_path / "tables" / "height_profile.png").stat().st_size > 10_000
+    assert (tmp_path / "transfer" / "height_profile.png").stat().st_size > 10_000
     for name, rms in zip(STAND_INS, heights["rows"]["rms of result less target, px"], strict=True):
-        check_curve(tmp_path / "tables" / f"height_profile_{name}.csv", rms)
+        check_curve(tmp_path / "transfer" / f"height_profile_{name}.csv", rms)
 
 
 @needs_data
@@ -228,9 +259,10 @@ def test_without_data_the_tables_are_simulated_and_say_so(tmp_path, monkeypatch,
 @pytest.mark.usefixtures("small")
 @pytest.mark.slow
 def test_with_data_every_table_is_there(tmp_path):
-    assert command.main(["--out", str(tmp_path / "tables"), "--quick"]) == 0
-    made = json.loads((tmp_path / "tables" / "tables.json").read_text(encoding="utf-8"))
-    check(made, (tmp_path / "tables" / "tables.md").read_text(encoding="utf-8"))
+    for group in ("properties", "transfer"):
+        assert command.main(["--out", str(tmp_path), "--quick", "--table", group]) == 0
+    made, text = read_tables(tmp_path)
+    check(made, text)
     for key in ("diligent", "diligent_owl"):
         assert made[key]["columns"] == ["bear", "buddha", "cat", "cow", "goblet"]
         check_peers_rows(made[key], made[f"{key}_spread"])
@@ -251,7 +283,7 @@ def test_with_data_every_table_is_there(tmp_path):
     assert idempotence[made["idempotence"]["columns"].index("owl")] >= 0.9996
     chain = made["chain"]["rows"]["detail to original, deg, order 8"]
     assert chain[-1] >= chain[0]
-    inputs = json.loads((tmp_path / "tables" / "bench.json").read_text())["inputs"]
+    inputs = read_record(tmp_path / "transfer" / "bench.json").inputs
     names = {Path(name).relative_to(os.environ["SGP_DATA"]).parts[0] for name in inputs}
     assert names == {"meshes", "normals", "reliefs"}
     for name, digest in inputs.items():
@@ -276,7 +308,7 @@ def test_the_number_of_runs_depends_on_quick(monkeypatch, quick, runs, used):
     monkeypatch.setattr(Sources, "textures", lambda self: {"a": bowl(300), "b": bowl(300)})
     monkeypatch.setattr(_paper_run, "by_resolution", note_runs)
     with pytest.raises(ArithmeticError, match=str(used)):
-        _paper_run.run_all(quick=quick, runs=runs, advance=no_progress)
+        _paper_run.run_transfers(quick=quick, runs=runs, advance=no_progress)
 
 
 @pytest.mark.parametrize("method", quick([*METHODS, "LAPL, direct solver"], every=6))
@@ -390,3 +422,38 @@ def test_markdown_has_a_line_for_each_row_and_says_what_is_missing():
     assert "| row | 0.1239 | n/a |" in text
     assert "| theirs | 1235 |" in text
     assert text.endswith("Note.")
+
+
+MEASURED = Path(__file__).parents[2] / "docs" / "measured"
+
+
+def figures(path: Path) -> dict[tuple[str, str, str, str], float | None]:
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.reader(file))[1:]
+    return {(a, b, c, d): float(value) if value else None for a, b, c, d, value in rows}
+
+
+def test_the_page_in_docs_has_all_groups_and_the_figures_of_its_tables():
+    known = figures(MEASURED / "paper.csv")
+    assert {key[0] for key in known} == set(command.TABLES)
+    page = (MEASURED / "paper.md").read_text(encoding="utf-8")
+    for key in command.ON_PAGE:
+        rows = {row for _, table, row, _ in known if table == key}
+        assert rows, key
+        assert all(f"| {row} |" in page for row in rows)
+
+
+@needs_data
+@pytest.mark.slow
+@pytest.mark.parametrize("group", ["properties", "surface"])
+def test_the_figures_in_docs_are_those_of_the_command(group, tmp_path):
+    assert command.main(["--table", group, "--out", str(tmp_path), "--quick"]) == 0
+    made, known = (figures(folder / "paper.csv") for folder in (tmp_path, MEASURED))
+    known = {key: value for key, value in known.items() if key[0] == group}
+    assert set(made) == set(known)
+    for key, value in known.items():
+        if key[3].endswith("CPU s") or key[3].startswith("MB"):
+            continue  # costs depend on the machine
+        assert made[key] == (None if value is None else pytest.approx(value, rel=0.02, abs=0.02)), (
+            key
+        )

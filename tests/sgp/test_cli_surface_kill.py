@@ -17,7 +17,7 @@ __all__ = ["server"]
 
 SIZE = (480, 300)
 # A few MB more than interpreter and libraries: blocks of a few dozen rows.
-MEMORY = "349M"
+MEMORY = "358M"
 KILLS = 10
 
 
@@ -45,8 +45,8 @@ def test_killed_at_random_moments(server: Server, tmp_path: Path) -> None:
     blocks, rounds = record["blocks"], record["block_rounds"]
     assert blocks >= 4
     assert rounds >= 1
-    # The plan, the blocks, and all rounds; the last kills hit the files of the result.
-    total = 1 + blocks + rounds * (1 + blocks) + 1
+    # Plan, large pixels, blocks, and all rounds; the last kills hit the files of the result.
+    total = 2 + blocks + rounds * (1 + blocks) + 1
     random = np.random.default_rng(11)
     targets = [0, *np.sort(random.integers(1, total, KILLS - 3)), total, total]
     before: dict[str, int] = {}

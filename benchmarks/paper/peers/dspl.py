@@ -6,9 +6,13 @@ faces, so the correspondence, which a mesh method normally has to compute first,
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from benchmarks.paper.peers.mesh import GridMesh
+from benchmarks.paper.peers.protocol import Peer
+from benchmarks.paper.peers.surfaces import MeshTask
 from rig.arrays import Bool, Float32
 
 
@@ -49,3 +53,10 @@ class Displacement:
             return moved
         blended: Float32 = self._weight * moved + (1 - self._weight) * self._target
         return blended
+
+
+def _fit(task: MeshTask) -> Callable[[Float32], Float32]:
+    return Displacement(task.target, task.mesh, task.region, task.w).put
+
+
+PEER = Peer("DSPL", "Botsch et al., Polygon Mesh Processing, 2010", _fit)

@@ -18,6 +18,8 @@ from scipy.sparse import linalg
 
 from benchmarks.paper.peers.bilaplacian import Bilaplacian
 from benchmarks.paper.peers.mesh import GridMesh
+from benchmarks.paper.peers.protocol import Peer
+from benchmarks.paper.peers.surfaces import MeshTask
 from rig.arrays import Bool, Float32, Float64
 
 # Takes a symmetric positive matrix; returns its solver for ``(n, 3)`` right-hand sides.
@@ -156,3 +158,11 @@ def turned(vectors: Float64, starts: Float32, ends: Float32) -> Float64:
         out[v, 1] = cosine * y + az * x - ax * z + ay * along
         out[v, 2] = cosine * z + ax * y - ay * x + az * along
     return out
+
+
+def fit(task: MeshTask, factorise: Factorise | None = None) -> Callable[[Float32], Float32]:
+    """Prepare a target; return the transfer of a source's vertices."""
+    return LaplacianEditing(task.target, task.mesh, task.region, task.w, factorise).put
+
+
+PEER = Peer("LAPL", "Sorkine et al., SGP 2004", fit)

@@ -12,6 +12,28 @@ from rig.arrays import Bool, Float32
 
 
 @dataclass(frozen=True, eq=False)
+class MeshTask:
+    """What a mesh method is fitted to.
+
+    Parameters
+    ----------
+    target
+        ``(V, 3)`` float32 vertices.
+    mesh
+        Faces of the target and of every source: vertices with the same index correspond.
+    region
+        ``(V,)`` bool: the vertices that receive the source's detail. Default: all.
+    w
+        Half width of the paper's Gaussian, which smooths the bases.
+    """
+
+    target: Float32
+    mesh: GridMesh
+    region: Bool | None = None
+    w: int = 5
+
+
+@dataclass(frozen=True, eq=False)
 class Surfaces:
     """A source and a target as meshes with one vertex per pixel and the same faces.
 

@@ -1,4 +1,4 @@
-"""A peer: surface from normals by discrete geometry processing, from its published mathematics.
+"""Xie 2014, a peer: surface from normals, from its published mathematics.
 
 W. Xie, Y. Zhang, C. C. L. Wang and R. C.-K. Chung, "Surface-from-normals: a discrete geometry
 processing approach", CVPR 2014, with the L2 norm. Every pixel is a facet with four corners, which
@@ -10,13 +10,17 @@ alternate until the surface stands still.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse import csgraph, linalg
 
+from benchmarks.paper.peers.protocol import Peer
 from rig.arrays import Bool, Float64, Int64
+
+Shaping = Literal["sight", "nearest"]
 
 # Corners of a facet from its centre: x to the right, y up, and (row, column) of the corner.
 _X = np.array([-0.5, 0.5, -0.5, 0.5])
@@ -26,9 +30,7 @@ _MOST_ROUNDS = 2000
 _STILL_PX = 1e-4
 
 
-def heights(
-    normals: Float64, mask: Bool, shaping: Literal["sight", "nearest"] = "sight"
-) -> Float64:
+def heights(normals: Float64, mask: Bool, shaping: Shaping = "sight") -> Float64:
     """Return the heights of an orthographic surface.
 
     Parameters
@@ -56,10 +58,12 @@ def heights(
     shape = (len(rows), len(used))
     sums = sparse.csr_array((np.ones(facets.size), (facets, corner.ravel())), shape)
     # The sum over facets of the squared differences from their means.
-    matrix = sparse.diags_array(np.asarray(sums.sum(axis=0))) - 0.25 * (sums.T @ sums)
+    normal: sparse.dia_array = sparse.diags_array(np.asarray(sums.sum(axis=0))) - 0.25 * (
+        sums.T @ sums
+    )
     fixed = _first_of_parts(corner, len(used))
     free = np.setdiff1d(np.arange(len(used)), fixed)
-    matrix = sparse.csc_array(matrix.tocsr()[free][:, free])
+    matrix = sparse.csc_array(normal.tocsr()[free][:, free])
     solve = linalg.splu(
         matrix, "MMD_AT_PLUS_A", diag_pivot_thresh=0, options={"SymmetricMode": True}
     )
@@ -88,3 +92,10 @@ def _first_of_parts(corner: Int64, count: int) -> Int64:
     _, labels = csgraph.connected_components(links, directed=False)
     first: Int64 = np.unique(labels, return_index=True)[1]
     return first
+
+
+def _fit(shaping: Shaping) -> Callable[[tuple[Float64, Bool]], Float64]:
+    return lambda given: heights(*given, shaping)
+
+
+PEER = Peer("Xie 2014", "Xie, Zhang, Wang and Chung, CVPR 2014", _fit)
