@@ -20,14 +20,16 @@ def height_profiles(
 ) -> tuple[Table, dict[str, processing.HeightProfile], list[Panel]]:
     """Transfer two details to one target and compare the heights; also returns curves by name."""
     where, target = sources.target(_BOWL_POINTS)
-    ground = processing.integrate(target)
+    ground = processing.integrate(target, discontinuity=False)
     profiles: dict[str, processing.HeightProfile] = {}
     panels: list[Panel] = []
     rows: dict[str, list[Number]] = {}
     for at, (texture, name) in enumerate(_STAND_INS.items()):
         advance(f"heights of {texture} on {where}", at, len(_STAND_INS))
         done = processing.transfer(textures[texture], target, tile="plain")
-        profile = processing.height_profile(ground, processing.integrate(done.normal_map))
+        profile = processing.height_profile(
+            ground, processing.integrate(done.normal_map, discontinuity=False)
+        )
         profiles[f"height_profile_{name}"] = profile
         panels += profile_panels(f"{texture} on {where}", profile)
         for row, value in {

@@ -163,7 +163,10 @@ def _onto_target(
 ) -> tuple[Table, dict[str, processing.HeightProfile], list[Panel]]:
     """Put synthesised details on a target, and compare details and heights."""
     where, target = sources.target(_BOWL_POINTS)
-    shape, ground = processing.separate(target).shape, processing.integrate(target)
+    shape, ground = (
+        processing.separate(target).shape,
+        processing.integrate(target, discontinuity=False),
+    )
     rows: dict[str, list[Number]] = {}
     profiles: dict[str, processing.HeightProfile] = {}
     panels: list[Panel] = []
@@ -173,7 +176,9 @@ def _onto_target(
         meant = processing.synthesize_onto(exemplar, shape, patch=PATCH_PX).detail
         result = processing.combine(shape, meant)
         again = processing.detail.compare_details(processing.separate(result).detail, meant)
-        profile = processing.height_profile(ground, processing.integrate(result))
+        profile = processing.height_profile(
+            ground, processing.integrate(result, discontinuity=False)
+        )
         profiles[f"height_profile_{name.replace(' ', '_')}"] = profile
         panels += [lit_panel(f"{name} on {where}", result), *profile_panels(name, profile)]
         for row, value in {

@@ -100,9 +100,9 @@ def judge(
             error = processing.angular_error(other, truth)
             by_domain.setdefault(domain, []).append(error.mae_deg)
             maps.setdefault(domain, other)
-    ground = processing.integrate(truth)
+    ground = processing.integrate(truth, discontinuity=False)
     heights = {
-        name: processing.height_profile(ground, processing.integrate(one)).rms
+        name: processing.height_profile(ground, processing.integrate(one, discontinuity=False)).rms
         for name, one in maps.items()
     }
     ratios = deviation_ratios(made, truth)

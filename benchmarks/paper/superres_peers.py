@@ -51,12 +51,14 @@ def compare_systems(maps: Sequence[Judged], advance: Progress) -> tuple[list[Tab
         advance(f"all systems on {name}", done, len(maps))
         truth = middle(whole, SIDE_PX)
         low = rdn.Low(processing.superres.low_resolution(truth, rdn.SCALE), truth.mask)
-        ground = processing.integrate(truth)
+        ground = processing.integrate(truth, discontinuity=False)
         if name in _SHOWN:
             panels.append(lit_panel(f"{name}, low resolution", low.normals))
         for label, system in systems.items():
             made = system(low)
-            heights = processing.height_profile(ground, processing.integrate(made)).rms
+            heights = processing.height_profile(
+                ground, processing.integrate(made, discontinuity=False)
+            ).rms
             for key, value in (
                 ("deg", processing.angular_error(made, truth).mae_deg),
                 ("ssim", processing.ssim(made, truth, protocol="paper")),
@@ -118,8 +120,10 @@ def distances(advance: Progress) -> Table:
     for done, seed in enumerate(_SEEDS):
         advance("distances of points", done, len(_SEEDS))
         truth = processing.NormalMap.from_vectors(simulator.random_normals(seed, _HELD_OUT_PX))
-        low = processing.integrate(processing.superres.low_resolution(truth, pu_net.SCALE))
-        ground = np.asarray(processing.integrate(truth).height, np.float64)
+        low = processing.integrate(
+            processing.superres.low_resolution(truth, pu_net.SCALE), discontinuity=False
+        )
+        ground = np.asarray(processing.integrate(truth, discontinuity=False).height, np.float64)
         points = pu_net.SCALE * low.points()[low.mask].astype(np.float64)
         for name in ("given points", "after one pass", "after two passes"):
             if name != "given points":

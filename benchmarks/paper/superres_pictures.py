@@ -28,7 +28,10 @@ def add_head(
     points, high = head(sources, sources.data, model.scale)
     low = processing.superres.low_resolution(high, model.scale)
     maps: dict[str, processing.NormalMap] = {}
-    surfaces = {"low": processing.integrate(low), "high": processing.integrate(high)}
+    surfaces = {
+        "low": processing.integrate(low, discontinuity=False),
+        "high": processing.integrate(high, discontinuity=False),
+    }
     rows: dict[str, list[Number]] = {}
     tried: dict[str, tuple[processing.NormalMap, processing.superres.PixelSampling, bool]] = {
         "means, bicubic": (low, "area", False),
@@ -46,7 +49,7 @@ def add_head(
             sampling=sampling,
             mask=high.mask,
         ).normal_map
-        surfaces[name] = processing.integrate(made)
+        surfaces[name] = processing.integrate(made, discontinuity=False)
         profile = processing.height_profile(surfaces["high"], surfaces[name])
         error = processing.angular_error(made, high)
         rows[name] = [error.mae_deg, processing.ssim(made, high, high.mask), profile.rms]

@@ -71,8 +71,8 @@ def properties(
     )
     metrics, panels = _of_one(normal_map, parts, result.summary)
     surfaces = {
-        "height": processing.integrate(normal_map).height,
-        "detail_height": processing.integrate(parts.detail).height,
+        "height": processing.integrate(normal_map, discontinuity=False).height,
+        "detail_height": processing.integrate(parts.detail, discontinuity=False).height,
     }
     panels += [
         shaded_panel("Surface, lit from the upper left", surfaces["height"]),

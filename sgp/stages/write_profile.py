@@ -92,7 +92,8 @@ def write_height_profile(
     The maps have no scale, so the heights are in pixels.
     """
     profile = processing.height_profile(
-        processing.integrate(target), processing.integrate(transferred)
+        processing.integrate(target, discontinuity=False),
+        processing.integrate(transferred, discontinuity=False),
     )
     picture, data = out / "height_profile.png", out / "height_profile.csv"
     write_overview(picture, "Height profile", profile_panels("result", profile), columns=3)

@@ -334,7 +334,9 @@ def onto(target: processing.NormalMap, weights: Weights, seed: int) -> processin
     inside = [np.flatnonzero(target.mask.any(axis=axis)) for axis in (1, 0)]
     window = slice(inside[0][0], inside[0][-1] + 1), slice(inside[1][0], inside[1][-1] + 1)
     mask = target.mask[window].copy()
-    surface = processing.integrate(processing.NormalMap(target.normals[window].copy(), mask))
+    surface = processing.integrate(
+        processing.NormalMap(target.normals[window].copy(), mask), discontinuity=False
+    )
     heights = np.asarray(surface.height, np.float64)[_nearest(surface.mask)]
     # Generators do not know rims but that of the exemplar: they lie outside the window.
     rim = _RIM_CELLS << LEVELS - 1

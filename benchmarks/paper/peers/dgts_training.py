@@ -177,7 +177,7 @@ def train(
 
     torch.set_num_threads(1)
     detail = exemplar_of(exemplar)
-    heights = np.asarray(processing.integrate(detail).height, np.float64)
+    heights = np.asarray(processing.integrate(detail, discontinuity=False).height, np.float64)
     reals = dgts.with_levels(heights - heights.mean(), dgts.CELLS, dgts.CELLS)
     flat = [one * np.array([1, 1, 0], np.float32) for one in reals]
     checkpoint = out.with_suffix(".pt")

@@ -168,7 +168,7 @@ def map_of(low: Low, scale: int, weights: Weights) -> processing.NormalMap:
     The map is integrated, its points are enlarged and projected. A pixel of the mask at which the
     projection has no normal has that of the nearest one.
     """
-    surface = processing.integrate(low.normals)
+    surface = processing.integrate(low.normals, discontinuity=False)
     points = scale * surface.points()[surface.mask].astype(np.float64)
     for _ in range(scale // 2):
         points = enlarged(points, weights)

@@ -67,7 +67,7 @@ def surface_of(normals: Float32) -> Heights:
     """Return the heights of normals and of their reductions."""
     given = processing.NormalMap.from_vectors(normals)
     heights = [
-        scale * np.asarray(processing.integrate(low).height, np.float32)
+        scale * np.asarray(processing.integrate(low, discontinuity=False).height, np.float32)
         for scale in (1, 2, 4)
         for low in (processing.superres.low_resolution(given, scale),)
     ]

@@ -53,7 +53,7 @@ class Surfaces:
     @classmethod
     def of(cls, source: processing.NormalMap, target: processing.NormalMap) -> Surfaces:
         """Integrate two maps of the same size and mask."""
-        to_surface = processing.integrate(target)
+        to_surface = processing.integrate(target, discontinuity=False)
         triangles = processing.height_mesh(to_surface)
         pixels = GridMesh(to_surface.mask, triangles.faces)
         ends = triangles.vertices
@@ -80,7 +80,7 @@ def _surface_on(
 
     Vertices that the surface does not cover are taken from `instead`.
     """
-    surface = processing.integrate(normal_map)
+    surface = processing.integrate(normal_map, discontinuity=False)
     covered = surface.mask[mesh.mask]
     vertices = np.where(covered[:, None], surface.points()[mesh.mask], instead)
     parts = surface.parts[mesh.mask][mesh.faces]
