@@ -213,7 +213,7 @@ def _judge(
             turns[r, c] = 1
             if edges[r, c] <= 0:
                 continue
-            # The sums beside the edge, and those further along the rim.
+            # The sums next to the edge, and those further along the rim.
             largest = 0.0
             for along in range(-1 - _REACH, 1 + _REACH):
                 q, d = r + along * (1 - vertical), c + along * vertical

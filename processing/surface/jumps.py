@@ -172,7 +172,7 @@ class JumpProblem:
         )
         if evidence.suspects < least:
             return None
-        # Where the surface jumps, normals before and after an edge are not those beside it.
+        # Where the surface jumps, normals before and after an edge are not its own.
         own = steps[0].copy(), steps[1].copy()
         chords.correct(normals, evidence.sure((right, down)), own)
         alternation = Alternation(
@@ -306,7 +306,7 @@ class JumpProblem:
 
 
 def mean_normals(normals: Float32, cell: int) -> tuple[Float32, Bool]:
-    """Return the mean normals of squares of pixels, 0 where there is none, and where there is one.
+    """Return the mean normals of squares of pixels, and whether they are known; 0 where not.
 
     Parameters
     ----------

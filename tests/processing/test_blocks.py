@@ -145,7 +145,7 @@ def test_jumps_cross_the_borders_of_blocks(tmp_path, rows):
         ]
     assert errors[0] < errors[1] + 0.1
     assert found.jumps.pieces.max() == whole.jumps.pieces.max()
-    # Nearly all jumps of the whole are beside one of the blocks.
+    # Nearly all jumps of the whole are within a pixel of one of the blocks.
     ours, theirs = (surface.jumps.right | surface.jumps.down for surface in (found, whole))
     near = binary_dilation(ours, np.ones((3, 3)))
     assert np.count_nonzero(theirs & near) > 0.95 * np.count_nonzero(theirs)

@@ -47,7 +47,7 @@ def save(path: Path, peer: str, state: Mapping[str, Any]) -> None:
 
 
 def load(path: Path, peer: str) -> dict[str, Any] | None:
-    """Return the state of a training, or None if there is none yet.
+    """Return the state of a training, or None before its first checkpoint.
 
     Raises
     ------
