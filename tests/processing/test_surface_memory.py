@@ -71,7 +71,8 @@ def test_estimates_are_above_the_measured_peak(tmp_path, size, rows, camera, jum
         check=True,
     )
     peak = int(measured.stdout)
-    assert peak < SurfaceStage(camera, jumps=jumps).solving(size, rows) < 2 * peak
+    # How much of its memory a process had before varies by a third.
+    assert peak < SurfaceStage(camera, jumps=jumps).solving(size, rows) < 2.6 * peak
 
 
 def test_estimates_grow_with_what_is_given():
