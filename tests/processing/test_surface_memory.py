@@ -61,18 +61,25 @@ print(peak((height, width), "large", rows))
 @pytest.mark.parametrize(("rows", "camera"), [(None, False), (256, True)])
 @pytest.mark.parametrize("size", SIZES, ids=str)
 def test_estimates_are_above_the_measured_peak(tmp_path, size, rows, camera, jumps):
-    arguments = [str(int(each or 0)) for each in (*size, rows, camera, jumps)]
-    measured = subprocess.run(
-        [sys.executable, "-c", MEASURE, *arguments],
-        cwd=tmp_path,
-        env={**os.environ, "NUMBA_NUM_THREADS": "1"},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    # The first process compiles kernels that are in no cache: its memory for that would be reused.
+    for each in ((128, 96), size):
+        folder = tmp_path / str(each[0])
+        folder.mkdir()
+        measured = subprocess.run(
+            [
+                sys.executable,
+                "-c",
+                MEASURE,
+                *(str(int(n or 0)) for n in (*each, rows, camera, jumps)),
+            ],
+            cwd=folder,
+            env={**os.environ, "NUMBA_NUM_THREADS": "1"},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
     peak = int(measured.stdout)
-    # How much of its memory a process had before varies by a third.
-    assert peak < SurfaceStage(camera, jumps=jumps).solving(size, rows) < 2.6 * peak
+    assert peak < SurfaceStage(camera, jumps=jumps).solving(size, rows) < 2 * peak
 
 
 def test_estimates_grow_with_what_is_given():
