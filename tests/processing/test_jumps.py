@@ -143,6 +143,22 @@ def test_perspective_and_orthographic_views_find_the_same_jumps() -> None:
     assert error(surface, truth) < 2
 
 
+def test_normals_that_jump_everywhere_are_reported() -> None:
+    vectors = np.random.default_rng(0).normal(size=(80, 80, 3))
+    vectors[..., 2] = np.abs(vectors[..., 2]) + 0.1
+    surface = integrate(NormalMap.from_vectors(vectors))
+    assert "normals-inconsistent" in [notice.code for notice in surface.warnings]
+
+
+def test_a_mask_that_cuts_every_contact_leaves_parts() -> None:
+    normals, _ = horn()
+    cut = np.ones(normals.mask.shape, bool)
+    cut[:, 30:33] = cut[60:63] = False
+    surface = integrate(NormalMap.from_vectors(normals.normals, cut))
+    assert surface.part_count == 4
+    assert "surface-in-parts" in [notice.code for notice in surface.warnings]
+
+
 @pytest.mark.parametrize("k", [0.0, -1.0, np.nan, np.inf])
 def test_a_sharpness_that_is_not_positive(k: float) -> None:
     with pytest.raises(DataError, match="sharpness"):
