@@ -80,6 +80,8 @@ class Unfinished:
 
     def rows_done(self) -> list[tuple[int, int]]:
         """Return the rows that the journal names, without a last line that was cut short."""
+        if not (self._part / "identity.json").exists():  # they are being removed
+            return []
         try:
             lines = (self._part / "journal.jsonl").read_bytes().split(b"\n")[:-1]
         except FileNotFoundError:
