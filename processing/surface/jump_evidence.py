@@ -72,6 +72,13 @@ class JumpEvidence(NamedTuple):
         )
         return right, down
 
+    def weighted(self, weights: Float32) -> JumpEvidence:
+        """Return the evidence with ``(H+2, W+2)`` weights of its edges."""
+        witness, order = (
+            (right * weights, down * weights) for right, down in (self.witness, self.order)
+        )
+        return self._replace(witness=witness, order=order)
+
 
 def jump_evidence(
     normals: Float32,

@@ -19,6 +19,7 @@ from processing.surface.anchors import Anchors
 from processing.surface.chord_rule import ChordRule
 from processing.surface.grid_graph import label_parts
 from processing.surface.jump_evidence import JumpEvidence, Pair, jump_evidence
+from processing.surface.jump_resampling import median_surface, random_weights
 from processing.surface.multigrid import Solution
 from processing.surface.normal_turns import evenness
 from processing.surface.placement import placed
@@ -33,9 +34,10 @@ LEAST_SUSPECTS: Final = 2e-5
 # median, in the last round, it is reported as not settled.
 _SETTLED_PX = 0.1
 _SETTLED_QUANTILE = 0.9
-# Pieces are placed by votes that agree within these widths in pixels first, so often at most.
-_WIDTHS_PX = (0.5, 2.0, 8.0)
-_PLACEMENTS = 3
+# Pieces are placed by votes that agree within these widths in pixels, one after the other.
+_WIDTHS_PX = (4.0, 2.0, 1.0, 0.5)
+# Searches with resampled evidence.
+_SEARCHES = 7
 # In a map with more pixels, pieces are searched in one of half the size.
 _LARGEST_SEARCH = 150_000
 # Normals of a square of pixels whose sum is shorter have no mean.
@@ -233,36 +235,70 @@ class JumpProblem:
         return _judged(problem.scale * u, problem.edges[:2], problem.trust(u))
 
     def _searched(self) -> tuple[Alternated, int]:
-        """Compute surface and weights in turn, and place pieces.
+        """Find pieces and place them, several times with resampled evidence, and once with all.
 
         Where the normals of both sides differ little, only abrupt turns of smoothed normals show a
-        rim; elsewhere they are misleading. From two starts, with and without them, pieces are moved
-        to where the edges between them agree, as long as fewer edges contradict the surface. The
-        least contradicted surface is returned.
+        rim; elsewhere they are misleading. Of two searches, with and without them, the one with the
+        less contradicted surface decides whether they count in the others.
         """
         even = evenness(self.normals, self.mask, self.alternation.edges[:2])
-        plain, least, iterations = self._placed(self.alternation.solved())
-        other, less, more = self._placed(self.alternation.solved(even))
-        return (other if less < least else plain), iterations + more
+        searches = [(self.once(each), each) for each in (None, even)]
+        iterations = sum(spent for (_, spent), _ in searches)
+        (best, _), even = min(searches, key=lambda search: self.contradiction(search[0][0].u))
+        rng = np.random.default_rng(0)
+        surfaces = [best.u]
+        for _ in range(_SEARCHES):
+            found, spent = self._resampled(rng).once(even)
+            surfaces.append(found.u)
+            iterations += spent
+        parts, count = label_parts(*self.alternation.edges[:2])
+        known = np.zeros(count, bool)
+        if self.alternation.held is not None:
+            known[parts[self.alternation.held.weights > 0]] = True
+        typical = self.alternation.solved(after=median_surface(surfaces, parts, known))
+        iterations += typical.iterations
+        if self.contradiction(typical.u) < self.contradiction(best.u):
+            best = typical
+        return best, iterations
 
-    def _placed(self, best: Alternated) -> tuple[Alternated, float, int]:
-        """Place the pieces of a surface; return also its contradiction, and all iterations."""
+    def _resampled(self, rng: np.random.Generator) -> JumpProblem:
+        """Return the problem with random weights of the edges and of the evidence."""
+        shape = self.alternation.facing.shape
+        weights = random_weights((shape[0], shape[1]), rng)
+        factors = self.alternation.factors
+        both = (weights, weights)
+        if factors is not None:
+            both = factors[0] * weights, factors[1] * weights
+        return replace(
+            self,
+            alternation=replace(self.alternation, factors=both),
+            evidence=self.evidence.weighted(weights),
+        )
+
+    def once(self, even: Pair | None) -> tuple[Alternated, int]:
+        """Compute surface and weights in turn, and place pieces; return also all iterations.
+
+        Pieces move to where the edges between them agree, as long as fewer edges contradict the
+        surface.
+
+        Parameters
+        ----------
+        even
+            ``(H+2, W+2)`` additional factors of the weights in the first rounds.
+        """
         problem = self.alternation
+        best = problem.solved(even)
         least, iterations = self.contradiction(best.u), best.iterations
         steps = problem.edges[2], problem.edges[3]
-        for _ in range(_PLACEMENTS):
-            before = least
-            for width in _WIDTHS_PX:
-                trust = problem.trust(best.u)
-                u = placed(best.u, steps, self.evidence, trust, width, problem.scale, problem.held)
-                found = problem.solved(after=u)
-                iterations += found.iterations
-                contradiction = self.contradiction(found.u)
-                if contradiction < least:
-                    best, least = found, contradiction
-            if least == before:
-                break
-        return best, least, iterations
+        for width in _WIDTHS_PX:
+            trust = problem.trust(best.u)
+            u = placed(best.u, steps, self.evidence, trust, width, problem.scale, problem.held)
+            found = problem.solved(after=u)
+            iterations += found.iterations
+            contradiction = self.contradiction(found.u)
+            if contradiction < least:
+                best, least = found, contradiction
+        return best, iterations
 
     def _halved(self) -> JumpProblem:
         """Return the problem of a map of half the size."""
