@@ -178,7 +178,7 @@ def integrate(
         if held is not None:
             problem = problem.held_at(held, solution.u)
         jumping, jumps, own_weights = problem.solved(on_progress)
-        if discontinuity or problem.contradiction(jumping.u) < problem.contradiction(solution.u):
+        if discontinuity or problem.improves(jumping.u, solution.u):
             solution, weights = jumping, own_weights
             jumps = jumps.placed(window, normal_map.size)
         else:

@@ -36,8 +36,9 @@ _SETTLED_PX = 0.1
 _SETTLED_QUANTILE = 0.9
 # Pieces are placed by votes that agree within these widths in pixels, one after the other.
 _WIDTHS_PX = (4.0, 2.0, 1.0, 0.5)
-# Searches with resampled evidence.
-_SEARCHES = 7
+# Searches with resampled evidence; and the contradiction of a surface that is clearly better than
+# their median, relative to that of the median.
+_SEARCHES, _CLEARLY = 7, 0.97
 # In a map with more pixels, pieces are searched in one of half the size.
 _LARGEST_SEARCH = 150_000
 # Normals of a square of pixels whose sum is shorter have no mean.
@@ -195,6 +196,10 @@ class JumpProblem:
         """Return about the weight of the edges that a surface contradicts by half a pixel."""
         return self.alternation.contradiction(u, self.evidence)
 
+    def improves(self, u: Float64, smooth: Float64) -> bool:
+        """Return whether a surface contradicts the normals less than a smooth one, beyond noise."""
+        return self.alternation.improves(u, smooth, self.evidence)
+
     def solved(self, on_progress: Progress = no_progress) -> tuple[Solution, Jumps, Pair]:
         """Return the surface under the last weights, where it jumps, and these weights.
 
@@ -257,7 +262,8 @@ class JumpProblem:
             known[parts[self.alternation.held.weights > 0]] = True
         typical = self.alternation.solved(after=median_surface(surfaces, parts, known))
         iterations += typical.iterations
-        if self.contradiction(typical.u) < self.contradiction(best.u):
+        # Its decisions hold unless those of all evidence are clearly better.
+        if self.contradiction(best.u) > _CLEARLY * self.contradiction(typical.u):
             best = typical
         return best, iterations
 

@@ -129,7 +129,7 @@ def _searched(
     if not discontinuity:
         chords.correct(means, edges[:2], edges[2:])
         smooth = solve(*edges[:2], divergence(*edges))
-        if problem.contradiction(smooth.u) <= problem.contradiction(found.u):
+        if not problem.improves(found.u, smooth.u):
             return None
     return found.u[1:-1, 1:-1].copy(), jumps.pieces, jumps.rounds
 
