@@ -33,10 +33,8 @@ _SAMPLES = 20_000
 # `_LEAST_DEVIATION_PX` or more. It holds parts that only doubtful edges connect where the last
 # surface had them; otherwise noise moves them further in every round. With less noise, it is less.
 _LEAST_WEIGHT = 0.03
-# An edge that a surface contradicts by this much, in pixels, counts half.
-_CONTRADICTING_PX = 0.5
-# The same in comparisons with a smooth surface, in deviations of the residuals: it spreads what it
-# contradicts over many edges.
+# In comparisons with a smooth surface, which spreads what it contradicts over many edges, an edge
+# that is contradicted by so many deviations counts half.
 _CONTRADICTING_DEVIATIONS = 3.0
 # The surface stands still when it moves by less, on average over all pixels, in pixels.
 _STILL_PX = 0.01
@@ -201,24 +199,28 @@ class Alternation:
         done = number + 1 - fresh
         return Alternated(u, weights, done, iterations, relative, self.scale * change.u, width)
 
-    def contradiction(
-        self, u: Float64, evidence: JumpEvidence, width_px: float = _CONTRADICTING_PX
-    ) -> float:
-        """Return about the weight of the edges that a surface contradicts by a width."""
+    def contradiction(self, u: Float64, evidence: JumpEvidence) -> float:
+        """Return about the weight of the edges that a surface contradicts by half a pixel."""
         each = zip(evidence.witness, evidence.order, self.edges[2:], strict=True)
         return sum(
-            float(kernels.contradiction(u, *edges, axis, self.scale, width_px).sum())
+            float(kernels.contradiction(u, *edges, axis, self.scale).sum())
             for axis, edges in enumerate(each)
         )
 
     def improves(self, u: Float64, smooth: Float64, evidence: JumpEvidence) -> bool:
         """Return whether a surface contradicts the edges less than a smooth one, beyond noise."""
         residuals = np.zeros_like(self.edges[0]), np.zeros_like(self.edges[1])
-        self._residuals(u, residuals)
-        usual = max(self._spread(residuals)[0], _LEAST_DEVIATION_PX)
-        width = _CONTRADICTING_DEVIATIONS * usual
-        own, other = (self.contradiction(each, evidence, width) for each in (u, smooth))
-        return own < other
+        sums = []
+        width2 = 0.0
+        for surface in (u, smooth):
+            self._residuals(surface, residuals)
+            if not sums:
+                usual = max(self._spread(residuals)[0], _LEAST_DEVIATION_PX)
+                width2 = (_CONTRADICTING_DEVIATIONS * usual) ** 2
+            squares = [residual * residual for residual in residuals]
+            terms = zip(evidence.witness, squares, strict=True)
+            sums.append(sum(float((w * r2 / (r2 + width2)).sum()) for w, r2 in terms))
+        return sums[0] < sums[1]
 
     def _residuals(self, u: Float64, out: Pair) -> None:
         right, down, to_right, to_down = self.edges

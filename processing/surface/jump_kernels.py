@@ -21,6 +21,8 @@ _LARGEST_EXPONENT = 50.0
 _LEAST = 0.03
 # Least weight. Pieces that hang together by less would move by rounding errors.
 _LEAST_WEIGHT = np.float32(1e-6)
+# An edge that a surface contradicts by this much, in pixels, counts half.
+_CONTRADICTING_PX = 0.5
 
 
 @numba.njit(**PART)
@@ -145,7 +147,6 @@ def contradiction(
     steps: Float64,
     vertical: int,
     scale: float,
-    width_px: float,
 ) -> Float64:
     """Return, for each row, the sum of w r^2 / (r^2 + s^2) of the residuals r of its edges.
 
@@ -165,8 +166,6 @@ def contradiction(
         1 for edges that point down, 0 for edges to the right.
     scale
         Pixels for a step of 1.
-    width_px
-        The residual s that counts half, in pixels.
     """
     rows, columns = witness.shape
     sums = np.zeros(rows, np.float64)
@@ -178,7 +177,7 @@ def contradiction(
             weight = witness[r, c]
             if off * order[r, c] > 0:
                 weight += abs(order[r, c])
-            total += weight * off * off / (off * off + width_px * width_px)
+            total += weight * off * off / (off * off + _CONTRADICTING_PX**2)
         sums[r] = total
     return sums
 
