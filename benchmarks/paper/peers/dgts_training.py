@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 PEER = "dgts"
 # Of each level; the original has 2,000. One iteration of the last level takes as long as 40 of the
 # first.
-ITERATIONS = (2000, 2000, 2000, 1000, 500)
+ITERATIONS = (2000, 2000, 2000, 1000, 400)
 _SEED = 7  # of the material
 _MARGIN_PX = 30
 # As published: steps, weights of losses, and Adam, whose rate is halved four times in a level.
