@@ -9,7 +9,7 @@ from pathlib import Path
 import harvesters.core  # noqa: F401 - its import makes all warnings visible
 
 DOCS = Path(__file__).parent
-sys.path[:0] = [str(DOCS.parent), str(DOCS / "_extensions")]
+sys.path.insert(0, str(DOCS.parent))
 
 import sgp  # noqa: E402 - from this checkout
 
@@ -25,7 +25,8 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "sphinx_gallery.gen_gallery",
-    "reference_pages",
+    "docs._extensions.generated_parts",
+    "docs._extensions.reference_pages",
 ]
 exclude_patterns = ["_build", "_extensions", "gallery"]
 suppress_warnings = ["config.cache"]  # the settings of the gallery contain functions
