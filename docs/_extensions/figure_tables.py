@@ -5,9 +5,9 @@ from __future__ import annotations
 import inspect
 import re
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, NotRequired, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, NotRequired, Union, get_args, get_origin, get_type_hints
 
-from pydantic import BaseModel
+from pydantic import BaseModel, JsonValue
 from typing_extensions import get_original_bases, is_typeddict
 
 import processing
@@ -33,9 +33,11 @@ def type_text(hint: Any) -> str:
     origin, args = get_origin(hint), get_args(hint)
     if origin is Literal:
         return ", ".join(f"`{value}`" for value in args)
-    if origin is UnionType:
+    if origin in (UnionType, Union):
         (one,) = (arg for arg in args if arg is not NoneType)
         return f"{type_text(one)} or null"
+    if hint is JsonValue:
+        return "value"
     if origin is Annotated:
         return type_text(args[0])
     if origin is tuple and args[-1] is Ellipsis:
@@ -53,7 +55,7 @@ def type_text(hint: Any) -> str:
 def several(hint: Any) -> str:
     """Return the words for several values of a type."""
     text = type_text(hint)
-    return text + "s" * (hint in NAMES or text in ("object", "text"))
+    return text + "s" * (text in ("object", "value", *NAMES.values()))
 
 
 def described(kind: Any) -> dict[str, tuple[str, str]]:
@@ -106,11 +108,12 @@ def figure_tables() -> str:
 def keys(model: type[BaseModel], documented: Any) -> str:
     """Return the keys of a model in Markdown; another class may have the meanings."""
     page, texts = "| key | type | meaning |\n|---|---|---|\n", described(documented)
-    for name, hint in get_type_hints(model, include_extras=True).items():
-        if name in model.model_fields:
-            optional = "" if model.model_fields[name].is_required() else ", optional"
-            meaning = re.sub("``?", "`", texts[name][1]).replace("NaN", "null")
-            page += f"| `{name}` | {type_text(hint)}{optional} | {meaning} |\n"
+    for name, field in model.model_fields.items():
+        always = field.is_required() or get_origin(field.annotation) is Literal
+        optional = "" if always else ", optional"
+        meaning = re.sub("``?", "`", texts[name][1])
+        meaning = re.sub(r"\bNaN\b|\bNone\b", "null", meaning)
+        page += f"| `{name}` | {type_text(field.annotation)}{optional} | {meaning} |\n"
     return page + "\n"
 
 

@@ -83,7 +83,8 @@ def _used_in(tree: ast.Module) -> Iterator[Used]:
             if isinstance(code, ast.Constant):
                 yield code.value, severities
             elif ast.unparse(code) not in _COPIED:
-                assert ast.unparse(code).startswith("_CODES["), ast.unparse(node)
+                if not ast.unparse(code).startswith("_CODES["):
+                    raise ValueError(f"no code is known for {ast.unparse(node)}")
                 indirect |= severities
         elif (
             isinstance(node, ast.AnnAssign)
@@ -98,8 +99,9 @@ def _used_in(tree: ast.Module) -> Iterator[Used]:
         ):
             for kind in filter(None, node.value.keys):
                 yield ast.literal_eval(kind), frozenset(("info", "warning"))
+    if indirect and not table:
+        raise ValueError("there is no table _CODES")
     if indirect:
-        assert table
         yield from ((code, indirect) for code in table)
 
 

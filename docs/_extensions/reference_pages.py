@@ -168,12 +168,21 @@ def package_pages() -> Iterator[tuple[str, str]]:
 
 def write_pages(app: Sphinx) -> None:
     """Write all pages; a page that is the same stays as it is, so that it is not read again."""
+    generated = Path(app.srcdir, "generated")
+    examples = {path.stem for path in Path(app.srcdir, "gallery").glob("*.py")}
+    for path in (generated / "gallery").glob("*.rst"):
+        if path.stem not in {"index", *examples}:  # of an earlier version
+            path.unlink()
     for folder, pages in (("commands", command_pages()), ("api", package_pages())):
+        (generated / folder).mkdir(parents=True, exist_ok=True)
+        left = {*(generated / folder).iterdir()}
         for name, text in pages:
-            path = Path(app.srcdir, "generated", folder, f"{name}.rst")
-            path.parent.mkdir(parents=True, exist_ok=True)
+            path = generated / folder / f"{name}.rst"
+            left.discard(path)
             if not path.exists() or path.read_text(encoding="utf-8") != text:
                 path.write_text(text, encoding="utf-8")
+        for path in left:
+            path.unlink()
 
 
 def setup(app: Sphinx) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import numpy as np
 from calibration import calibrate_spheres
 from simulator import render, scene_named
 
-view = render(scene_named("spheres", width=640, height=512, leds=8))
+view = render(scene_named("spheres", width=480, height=384, leds=8))
 images = (view.planes / view.planes.max()).astype(np.float32)
 estimate = calibrate_spheres(images, camera=view.truth.camera, radius_mm=(20, 20, 16, 14))
 for sphere in estimate.spheres:

@@ -74,8 +74,10 @@ class ResultRecord(_Table):
 
     Parameters
     ----------
-    format, version
-        ``sgp-result`` and 1; a reader refuses other values.
+    format
+        ``sgp-result``; a reader refuses other values.
+    version
+        1; a reader refuses other values.
     command
         The command that ran, such as ``sgp normals``.
     software
@@ -110,8 +112,12 @@ class ResultRecord(_Table):
         ``bytes`` and ``sha256`` of each output by its file name, except pages (``.html``), which
         `sgp report` writes again; in ``summary.json`` also of the records of the stages. Missing
         in records of earlier programs.
-    verdict, causes, tested
-        The verdict of a command that judges its result, see below; None and empty for others.
+    verdict
+        ``good``, ``check`` or ``do-not-use``, from a command that judges its result.
+    causes
+        What is probably wrong with the recording, the most harmful first, also what does not harm.
+    tested
+        What was tested.
     record_sha256
         SHA-256 of all other keys, written as JSON in ASCII with sorted keys and the separators
         ``, `` and ``: ``; `sgp verify` compares it.

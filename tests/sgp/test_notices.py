@@ -1,4 +1,4 @@
-"""Every code of a notice has a meaning and a remedy in the one table, and the table has no other."""
+"""Every code of a notice has a meaning and a remedy in the one table, which has no other code."""
 
 from __future__ import annotations
 
