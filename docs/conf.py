@@ -63,6 +63,9 @@ html_title = project
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_show_sourcelink = False
+html_copy_source = False
+html_show_search_summary = False  # browsers fetch no page of a local folder
+html_context = {"default_mode": "auto"}
 html_theme_options = {
     "logo": {"text": "sgp"},
     "navbar_align": "left",

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from sphinx.application import Sphinx
+from typing import TYPE_CHECKING, Any
 
 from docs._extensions.figure_tables import figure_tables, record_keys, verdict_keys
 from docs._extensions.notice_table import notice_table
+
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
 
 PARTS = {
     "<!-- generated: notices -->": notice_table,

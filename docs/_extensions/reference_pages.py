@@ -10,14 +10,16 @@ from collections.abc import Iterator
 from contextlib import redirect_stdout
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cyclopts import App
 from cyclopts.help import HelpPanel
-from sphinx.application import Sphinx
 
 from sgp.app import build
 from sgp.cli.help import HelpPage, entry_text
+
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
 
 PACKAGES = ("rig", "acquisition", "calibration", "processing", "simulator")
 GROUPS = {

@@ -12,6 +12,10 @@ from rig import open_rig
 
 with open_rig("simulated") as rig:  # on a real bench: open_rig("bench.toml")
     shots = [rig.shoot(led, exposure_us=20_000) for led in (None, 0, 12, 24)]
+dark, *lit = shots
+for shot in lit:
+    brighter = shot.frame.pixels.mean() - dark.frame.pixels.mean()
+    print(f"LED {shot.led}: {brighter:.0f} DN brighter than without light")
 
 figure, axes = plt.subplots(1, 4, figsize=(11, 2.6))
 for axis, shot in zip(axes, shots, strict=True):
