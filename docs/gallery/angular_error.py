@@ -20,7 +20,7 @@ noisy = NormalMap.from_vectors(coin.normals + noise, coin.mask)
 error = angular_error(noisy, coin)
 print(f"mean {error.mae_deg:.2f}, median {error.median_deg:.2f} degrees")
 
-plt.figure(figsize=(5, 3.6))
+plt.figure(figsize=(5, 3.6), layout="constrained")
 plt.imshow(error.map_deg, cmap="magma")
 plt.colorbar(label="error in degrees")
 plt.axis("off")

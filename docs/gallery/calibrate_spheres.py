@@ -20,7 +20,7 @@ for sphere in estimate.spheres:
 error_mm = np.linalg.norm(estimate.lights.positions_mm - view.truth.lights.positions_mm, axis=1)
 print(f"positions are wrong by {error_mm.mean():.1f} mm")
 
-plt.figure(figsize=(6, 4.8))
+plt.figure(figsize=(6, 4.8), layout="constrained")
 plt.imshow(images[0], cmap="gray", vmax=np.percentile(images[0], 99.5))
 plt.plot(*estimate.highlights_px[0].T, "o", color="tab:orange", fillstyle="none")
 plt.title("the first light, mirrored in every sphere")

@@ -23,7 +23,7 @@ edited[:, 100:][coin.mask[:, 100:]] = (0, 0, 1)  # no detail
 smooth = combine(parts.shape, NormalMap(edited, coin.mask))
 light = np.array([-0.5, 0.5, 0.7])
 
-plt.figure(figsize=(5, 4))
+plt.figure(figsize=(5, 4), layout="constrained")
 plt.imshow(np.clip(smooth.normals @ light, 0, None), cmap="gray")
 plt.axis("off")
 plt.show()

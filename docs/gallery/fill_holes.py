@@ -18,7 +18,7 @@ y, x = np.mgrid[:160, :200]
 holes = np.hypot(x - 85, y - 75) < 14
 filled = fill_holes(scales, holes)
 
-figure, axes = plt.subplots(1, 2, figsize=(9, 3.6))
+figure, axes = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
 axes[0].imshow((np.where(holes[..., None], 0, scales.normals) + 1) / 2)
 axes[1].imshow((filled.normal_map.normals + 1) / 2)
 for axis in axes:

@@ -19,7 +19,7 @@ print(f"{len(height_mesh(surface).faces)} triangles in the complete mesh")
 mesh = height_mesh(surface, triangles=1500)
 print(f"{len(mesh.faces)} triangles are left")
 
-plt.figure(figsize=(5, 4.6))
+plt.figure(figsize=(5, 4.6), layout="constrained")
 plt.triplot(mesh.vertices[:, 0], mesh.vertices[:, 1], mesh.faces, linewidth=0.4)
 plt.axis("equal")
 plt.xlabel("x in mm")

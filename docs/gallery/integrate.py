@@ -17,7 +17,7 @@ coin = NormalMap(truth.normals, truth.mask)
 surface = integrate(coin, camera=truth.camera)
 print(surface)
 
-plt.figure(figsize=(5, 3.6))
+plt.figure(figsize=(5, 3.6), layout="constrained")
 plt.imshow(surface.height)
 plt.colorbar(label="height in mm")
 plt.axis("off")

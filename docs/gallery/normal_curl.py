@@ -20,7 +20,7 @@ for name, normals in (("right", coin.normals), ("wrong", wrong)):
     found = normal_curl(NormalMap(normals, coin.mask))
     print(f"{name}: {found.spread_deg:.2f} degrees")
 
-plt.figure(figsize=(5, 3.6))
+plt.figure(figsize=(5, 3.6), layout="constrained")
 plt.imshow(found.curl_deg, cmap="coolwarm", vmin=-5, vmax=5)
 plt.colorbar(label="curl in degrees")
 plt.axis("off")

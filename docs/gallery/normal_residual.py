@@ -17,7 +17,7 @@ coin = NormalMap(truth.normals, truth.mask)
 surface = integrate(coin, camera=truth.camera)
 angles = normal_residual(surface, coin)
 
-plt.figure(figsize=(5, 3.6))
+plt.figure(figsize=(5, 3.6), layout="constrained")
 plt.imshow(angles, cmap="magma", vmax=5)
 plt.colorbar(label="angle in degrees")
 plt.axis("off")

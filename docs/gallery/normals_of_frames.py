@@ -22,7 +22,7 @@ for _ in range(3):  # for each part
 tilt_deg = np.degrees(np.arctan2(np.hypot(*maps.normals[..., :2].T), maps.normals[..., 2].T)).T
 print(f"{np.mean(tilt_deg > 20):.1%} of the pixels are tilted by more than 20 degrees")
 
-plt.figure(figsize=(5, 3.6))
+plt.figure(figsize=(5, 3.6), layout="constrained")
 plt.imshow(tilt_deg, cmap="magma")
 plt.colorbar(label="tilt in degrees")
 plt.axis("off")

@@ -17,7 +17,7 @@ for shot in lit:
     brighter = shot.frame.pixels.mean() - dark.frame.pixels.mean()
     print(f"LED {shot.led}: {brighter:.0f} DN brighter than without light")
 
-figure, axes = plt.subplots(1, 4, figsize=(11, 2.6))
+figure, axes = plt.subplots(1, 4, figsize=(11, 2.6), layout="constrained")
 for axis, shot in zip(axes, shots, strict=True):
     axis.imshow(shot.frame.pixels, cmap="gray", vmin=0, vmax=3000)
     axis.set_title("all off" if shot.led is None else f"LED {shot.led}")

@@ -17,7 +17,7 @@ values = view.planes / view.planes.max()
 result = photometric_stereo(values, truth.lights, truth.mask, points_mm=truth.points_mm)
 print(result)
 
-figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.4))
+figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.4), layout="constrained")
 left.imshow((result.normal_map.normals + 1) / 2)
 picture = right.imshow(result.residual, cmap="magma")
 figure.colorbar(picture, label="residual, 1 is white")

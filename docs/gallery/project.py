@@ -21,7 +21,7 @@ path, *_ = write_mesh(Path(tempfile.mkdtemp()) / "coin.ply", integrate(coin, pix
 view = project(read_geometry(path), size=(300, 300))
 print(view)
 
-plt.figure(figsize=(4, 4))
+plt.figure(figsize=(4, 4), layout="constrained")
 plt.imshow((view.normal_map.normals + 1) / 2)
 plt.axis("off")
 plt.show()

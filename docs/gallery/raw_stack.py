@@ -26,7 +26,7 @@ stack = raw_stack(read_source(folder, lights=view.truth.lights))
 print(stack)
 pixel = stack.values[:, 64:65, 80:81].ravel()  # one pixel under all lights
 
-plt.figure(figsize=(6, 3))
+plt.figure(figsize=(6, 3), layout="constrained")
 plt.bar(range(len(pixel)), pixel)
 plt.xlabel("light")
 plt.ylabel("value of the pixel")

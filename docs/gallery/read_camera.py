@@ -24,7 +24,7 @@ print(camera)
 points = camera.points_on_plane()  # (H, W, 3), mm
 print(f"{points[255, 320, 0] - points[255, 319, 0]:.3f} mm per pixel")
 
-plt.figure(figsize=(5, 4))
+plt.figure(figsize=(5, 4), layout="constrained")
 plt.plot(*points[::64, ::64, :2].reshape(-1, 2).T, "+")
 plt.axis("equal")
 plt.xlabel("x in mm")

@@ -18,7 +18,7 @@ path.write_text("4\na.jpg 0.5 0 0.87\nb.jpg 0 0.6 0.8\nc.jpg -0.7 0 0.71\nd.jpg 
 lights = read_lights(path)
 print(lights)
 
-plt.figure(figsize=(4, 4))
+plt.figure(figsize=(4, 4), layout="constrained")
 plt.gca().add_patch(plt.Circle((0, 0), 1, fill=False))
 plt.plot(*lights.unit_directions[:, :2].T, "o")
 for name, (x, y, _) in zip(lights.ids, lights.unit_directions, strict=True):

@@ -25,7 +25,7 @@ found = read_normals(path)
 for notice in found.warnings:
     print(notice)
 
-plt.figure(figsize=(5, 3.6))
+plt.figure(figsize=(5, 3.6), layout="constrained")
 plt.imshow(found.normal_map.normals[..., 0], cmap="gray")
 plt.colorbar(label="x of the normals")
 plt.axis("off")

@@ -26,7 +26,7 @@ path = Path(tempfile.mkdtemp()) / "points.csv"
 path.write_text("\n".join(["x_px,y_px,height_mm", *rows, ""]))
 prior = read_prior(path, truth.size, unit="mm", sigma=0.01)
 
-figure, axes = plt.subplots(1, 2, figsize=(9, 3.2))
+figure, axes = plt.subplots(1, 2, figsize=(9, 3.2), layout="constrained")
 for axis, known in zip(axes, (None, prior), strict=True):
     surface = integrate(tilted, camera=truth.camera, prior=known)
     error = surface.height - truth.height_mm

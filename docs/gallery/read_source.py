@@ -26,7 +26,7 @@ source = read_source(folder, lights=view.truth.lights, camera=view.truth.camera)
 print(source)
 print(source.light_ids)
 
-figure, axes = plt.subplots(1, 3, figsize=(9, 2.6))
+figure, axes = plt.subplots(1, 3, figsize=(9, 2.6), layout="constrained")
 for axis, name in zip(axes, source.light_ids[::4], strict=True):
     axis.imshow(read_image(folder / f"{name}.png"), cmap="gray")
     axis.set_title(f"light {name}")

@@ -28,7 +28,7 @@ print(result.verdict.answer)
 for warning in result.warnings:
     print(warning)
 
-figure, (left, right) = plt.subplots(1, 2, figsize=(8, 3.2))
+figure, (left, right) = plt.subplots(1, 2, figsize=(8, 3.2), layout="constrained")
 left.imshow((result.normals.normals + 1) / 2)
 left.set_title("normals")
 right.imshow(result.maps["albedo"], cmap="gray")

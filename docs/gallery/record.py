@@ -22,7 +22,7 @@ with open_rig_seeing(view, realtime=False, camera="inside") as rig:
     session = record(rig, plan, folder, Labels(object_name="coin", operator="me"))
 print(f"{len(session.frames)} frames, complete: {session.complete}")
 
-figure, axes = plt.subplots(2, 4, figsize=(9, 3.8))
+figure, axes = plt.subplots(2, 4, figsize=(9, 3.8), layout="constrained")
 for axis, frame in zip(axes.flat, session.frames, strict=True):
     axis.imshow(read_image(frame.path), cmap="gray", vmin=0, vmax=3000)
     axis.set_title(frame.path.stem)

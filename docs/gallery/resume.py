@@ -26,7 +26,7 @@ with open_rig_seeing(view, realtime=False, camera="inside") as rig:
 print(f"complete: {session.complete}, set aside: {len(session.set_aside)}")
 
 names = [frame.path.stem for frame in session.recorded]
-plt.figure(figsize=(7, 2.5))
+plt.figure(figsize=(7, 2.5), layout="constrained")
 plt.scatter(range(len(names)), names)
 plt.xlabel("order of recording")
 plt.show()

@@ -17,7 +17,7 @@ coin = NormalMap(truth.normals, truth.mask)
 parts = separate(coin)
 print(f"shape left in the detail: {parts.separability_deg:.2f} degrees")
 
-figure, axes = plt.subplots(1, 3, figsize=(10, 2.8))
+figure, axes = plt.subplots(1, 3, figsize=(10, 2.8), layout="constrained")
 maps = {"normals": coin, "shape": parts.shape, "detail": parts.detail}
 for axis, (title, one) in zip(axes, maps.items(), strict=True):
     axis.imshow((one.normals + 1) / 2)

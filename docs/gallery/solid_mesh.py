@@ -18,7 +18,7 @@ surface = integrate(coin, camera=truth.camera)
 solid = solid_mesh(height_mesh(surface, triangles=4000), base=5.0)
 print(f"{len(solid.faces)} triangles")
 
-axis = plt.figure(figsize=(6, 4)).add_subplot(projection="3d")
+axis = plt.figure(figsize=(6, 4), layout="constrained").add_subplot(projection="3d")
 x, y, z = solid.vertices.T
 axis.plot_trisurf(x, y, z, triangles=solid.faces, color="lightsteelblue")
 axis.set_box_aspect((1, 1, 0.3))

@@ -16,7 +16,7 @@ small = NormalMap(truth.normals, truth.mask)
 large = super_resolve(small, 2, sampling="points")
 print(large)
 
-figure, axes = plt.subplots(1, 2, figsize=(9, 3.6))
+figure, axes = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
 for axis, one in zip(axes, (small, large.normal_map), strict=True):
     axis.imshow((one.normals + 1) / 2, interpolation="nearest")
     axis.axis("off")

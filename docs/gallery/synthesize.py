@@ -16,7 +16,7 @@ exemplar = separate(NormalMap(truth.normals, truth.mask)).detail
 sheet = synthesize(exemplar, (200, 300), tileable=True)
 print(sheet)
 
-figure, axes = plt.subplots(1, 2, figsize=(9, 3.2))
+figure, axes = plt.subplots(1, 2, figsize=(9, 3.2), layout="constrained")
 for axis, one in zip(axes, (exemplar, sheet.detail), strict=True):
     axis.imshow((one.normals + 1) / 2)
     axis.axis("off")

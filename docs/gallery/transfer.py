@@ -23,7 +23,7 @@ moved = transfer(leather, coin)
 print(f"error of the shape: {moved.fidelity.shape_mae_deg:.2f} degrees")
 light = np.array([-0.5, 0.5, 0.7])
 
-figure, axes = plt.subplots(1, 3, figsize=(10, 2.8))
+figure, axes = plt.subplots(1, 3, figsize=(10, 2.8), layout="constrained")
 maps = {"leather": leather, "coin": coin, "leather on the coin": moved.normal_map}
 for axis, (title, one) in zip(axes, maps.items(), strict=True):
     axis.imshow(np.clip(one.normals @ light, 0, None), cmap="gray")

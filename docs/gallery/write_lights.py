@@ -20,7 +20,7 @@ write_lights(folder / "lights.json", lights)
 write_lights(folder / "lights.lp", lights)
 print((folder / "lights.lp").read_text()[:120])
 
-axis = plt.figure(figsize=(5, 4)).add_subplot(projection="3d")
+axis = plt.figure(figsize=(5, 4), layout="constrained").add_subplot(projection="3d")
 axis.scatter(*lights.positions_mm.T)
 axis.scatter(0, 0, 0, marker="s")
 axis.set_xlabel("x in mm")

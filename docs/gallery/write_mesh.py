@@ -24,7 +24,7 @@ for suffix in ("ply", "obj", "stl", "glb"):
     path, *others = write_mesh(folder / f"coin.{suffix}", surface, normals=coin)
     sizes[path.name] = path.stat().st_size / 1e6
 
-plt.figure(figsize=(5, 3))
+plt.figure(figsize=(5, 3), layout="constrained")
 plt.barh([*sizes], [*sizes.values()])
 plt.xlabel("size in MB")
 plt.show()

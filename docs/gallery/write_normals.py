@@ -21,7 +21,7 @@ folder = Path(tempfile.mkdtemp())
 for name, path in write_normals(folder, coin).items():
     print(name, path.name)
 
-plt.figure(figsize=(5, 4))
+plt.figure(figsize=(5, 4), layout="constrained")
 plt.imshow(plt.imread(folder / "normals.png"))
 plt.axis("off")
 plt.show()
