@@ -19,7 +19,7 @@ from sgp.results import stage_metrics as _stage_metrics
 NAMES = {int: "integer", float: "number", str: "text", bool: "boolean"}
 # The first figures of a command are its own; the others are those of its stages.
 TITLES = {kinds[0]: command for command, kinds in COMMANDS.items()}
-HEADER = "| figure | type | unit | meaning |\n|---|---|---|---|\n"
+HEADER = ":::{container} rows\n| figure | type | unit | meaning |\n|---|---|---|---|\n"
 
 
 def title(kind: type) -> str:
@@ -101,20 +101,23 @@ def figure_tables() -> str:
     page = ""
     for name, rows in declared().items():
         heading = f"`{name}`" if name in COMMANDS else name.capitalize()
-        page += f"### {heading}\n\n{HEADER}" + "\n".join(rows) + "\n\n"
+        page += f"### {heading}\n\n{HEADER}" + "\n".join(rows) + "\n:::\n\n"
     return page
 
 
 def keys(model: type[BaseModel], documented: Any) -> str:
     """Return the keys of a model in Markdown; another class may have the meanings."""
-    page, texts = "| key | type | meaning |\n|---|---|---|\n", described(documented)
+    page, texts = (
+        ":::{container} rows\n| key | type | meaning |\n|---|---|---|\n",
+        described(documented),
+    )
     for name, field in model.model_fields.items():
         always = field.is_required() or get_origin(field.annotation) is Literal
         optional = "" if always else ", optional"
         meaning = re.sub("``?", "`", texts[name][1])
         meaning = re.sub(r"\bNaN\b|\bNone\b", "null", meaning)
         page += f"| `{name}` | {type_text(field.annotation)}{optional} | {meaning} |\n"
-    return page + "\n"
+    return page + ":::\n\n"
 
 
 def record_keys() -> str:

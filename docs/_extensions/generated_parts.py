@@ -10,22 +10,30 @@ from docs._extensions.notice_table import notice_table
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
 
+# By page, and by the comment that is replaced.
 PARTS = {
-    "<!-- generated: notices -->": notice_table,
-    "<!-- generated: keys of a record -->": record_keys,
-    "<!-- generated: keys of a verdict -->": verdict_keys,
-    "<!-- generated: figures -->": figure_tables,
+    "notices": {"notices": notice_table},
+    "result-format": {
+        "keys of a record": record_keys,
+        "keys of a verdict": verdict_keys,
+        "figures": figure_tables,
+    },
 }
 
 
 def insert_parts(app: Sphinx, page: str, source: list[str]) -> None:
     """Replace the comments of a page."""
-    for comment, part in PARTS.items():
-        if comment in source[0]:
-            source[0] = source[0].replace(comment, part())
+    for name, part in PARTS.get(page, {}).items():
+        source[0] = source[0].replace(f"<!-- generated: {name} -->", part())
+
+
+def pages_to_read(*_: object) -> list[str]:
+    """Return the pages that must be read again, although their files are the same."""
+    return [*PARTS]
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
     """Register the parts with Sphinx."""
     app.connect("source-read", insert_parts)
+    app.connect("env-get-outdated", pages_to_read)
     return {"parallel_read_safe": True}

@@ -35,11 +35,12 @@ def notice_table() -> str:
     """Return the table in Markdown."""
     page, severities = "", used_codes()
     for title, rows in meanings().items():
-        page += f"## {title}\n\n| code | severity | meaning | what to do |\n|---|---|---|---|\n"
+        page += f"## {title}\n\n:::{{container}} rows\n"
+        page += "| code | severity | meaning | what to do |\n|---|---|---|---|\n"
         for code, texts in rows.items():
             named = ", ".join(one for one in SEVERITIES if one in severities[code])
             page += f"| `{code}` | {named} | {' | '.join(texts)} |\n"
-        page += "\n"
+        page += ":::\n\n"
     return page
 
 

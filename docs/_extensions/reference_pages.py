@@ -131,7 +131,7 @@ def module_page(full_name: str, module: ModuleType, names: list[str]) -> str:
         if documented(value):
             page += f".. auto{kind}:: {full_name}.{name}\n\n"
         else:
-            page += f".. py:data:: {full_name}.{name}\n   :value: {shown(value)}\n\n"
+            page += f".. py:data:: {name}\n   :value: {shown(value)}\n\n"
     return page
 
 
