@@ -95,8 +95,8 @@ surface n-best --out s-plain
 surface n-best --out s-jumps --discontinuity --k 3
 surface n-best --out s-camera --camera coin/derived/truth/camera.json --close --triangles 3000
 surface n-best --out s-sigma --sigma n-best/normal_sigma_deg.exr --height-sigma
-surface n-best --out s-mesh --obj --glb --albedo n-best/albedo.exr --mask disc.png --pixel-mm .4
-surface n-best --out s-texture --normal-texture --stl --base 3 --pixel-mm .4 --prior prior.csv
+surface n-best --out s-mesh --obj --glb --albedo n-best/albedo.exr --mask disc.png --pixel-mm 0.4
+surface n-best --out s-texture --normal-texture --stl --base 3 --pixel-mm 0.4 --prior prior.csv
 surface n-best --out s-least --stl --memory 347M
 curvature n-best --scale 2 --out curvature
 curvature n-best --camera coin/derived/truth/camera.json --out curvature-mm
@@ -105,7 +105,7 @@ detail separate n-best --filter bilateral --out parts-bilateral
 detail separate n-best --filter guided --w 4 --green-out down --out parts-guided
 detail separate n-best --filter box --order 1 --w 3 --memory 319M --out parts-least
 detail combine parts/shape.exr parts/detail.exr --out combined
-detail transfer n-lp n-best --out t-cut --refine 2 --amplitude -.7
+detail transfer n-lp n-best --out t-cut --refine 2 --amplitude -0.7
 detail transfer n-lp n-best --out t-mirrored --tile mirror --keep-target-detail
 detail transfer n-images n-best --out t-put --at 100,90 --scale 0.8 --rotate-deg 10 --mirror
 detail transfer n-images n-best --out t-masks --target-mask disc.png --at 90,60 --profile
@@ -117,7 +117,7 @@ detail synthesize n-cloth --size 40x40 --crop 60,60,40,40 --method efros-leung -
 detail synthesize n-cloth --onto n-best --seed 4 --out onto
 detail fill n-best --holes holes.png --out filled
 detail superres n-lp --scale 2 --out large
-detail superres n-lp --scale 4 --method bicubic --pixel-mm .3 --out large-bicubic
+detail superres n-lp --scale 4 --method bicubic --pixel-mm 0.3 --out large-bicubic
 detail superres n-lp --scale 2 --sampling points --memory 441M --out large-least
 compare n-best n-ls
 project s-plain/surface.ply --out projected --size 160x128

@@ -62,8 +62,8 @@ class Kind:
 
 
 KINDS = (
-    Kind("peak .5 of white, sigma .7-1.5 px", (0.7, 1.5), (0.5, 0.5)),
-    Kind("peak .5, with rays and glare", (0.7, 1.5), (0.5, 0.5), rays=True, glare=True),
+    Kind("peak 0.5 of white, sigma 0.7-1.5 px", (0.7, 1.5), (0.5, 0.5)),
+    Kind("peak 0.5, with rays and glare", (0.7, 1.5), (0.5, 0.5), rays=True, glare=True),
     Kind("core 1-2 px", (1, 2), (2, 30)),
     Kind("core 1-2 px, rays, JPEG", (1, 2), (2, 30), rays=True, jpeg=(85, 96)),
     Kind("core 2-4 px", (2, 4), (3, 100)),

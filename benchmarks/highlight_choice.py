@@ -5,7 +5,7 @@ draws spots of the size of a highlight into the images:
 
 - plain: none;
 - lamp: a lamp three times as bright as the LEDs, which shines under 40 % of them;
-- ghost: on one sphere, a spot with .8 or twice the flux of the highlight, under six lights;
+- ghost: on one sphere, a spot with 0.8 or twice the flux of the highlight, under six lights;
 - second: under six lights, the highlight on one sphere is hidden, and the sphere shows the light as
   another sphere mirrors it (two reflections), with half of the flux.
 
@@ -32,7 +32,7 @@ from calibration.spheres.geometry.reflection import mirror_points
 from rig.arrays import Float32, Float64
 from simulator import Truth
 
-KINDS = ("plain", "lamp", "ghost .8", "ghost 2", "second")
+KINDS = ("plain", "lamp", "ghost 0.8", "ghost 2", "second")
 SIGMA_PX, ERASED_PX = 0.9, 7
 AFFECTED = 6
 WRONG_MM = 2.0

@@ -4,7 +4,7 @@ The captures `buddha`, `cat` and `gray` of the University of Washington (folder 
 lights from `chrome`) are saved with the sRGB curve as JPEGs of several qualities, with colours at
 full resolution (444) and at half of it (420), and read as photographs are, by `sgp normals`. The
 angles to the normals of the linear 8-bit images are means over the pixels that both have, in
-degrees; README.md states their range.
+degrees; docs/photographs.md states their range.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 A recording of --lights images of a relief with highlights and noise, as 16-bit TIFF, is made for
 each size, the reference first. Its rows repeat, so that recording it is quick. `detail` and
-`surface` read normals of waves with noise; .25 megapixels of them are the detail that is
+`surface` read normals of waves with noise; 0.25 megapixels of them are the detail that is
 transferred to the large map, and continued over a large sheet. Each command runs in a process of
 its own with --memory. The table has the CPU seconds, the CPU time per pixel and its ratio to the
 reference, the peak of the resident memory, and the largest size of the result with its temporary

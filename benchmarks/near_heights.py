@@ -3,7 +3,7 @@
 Scenes of the simulator under 36 LEDs with shot noise, under the lights as they are, and under
 lights that are all 10 mm too high or too low. Each figure is the height that was found minus the
 true one in mm, with its stated standard deviation. A name such as ``coin+.3`` has a coat of that
-roughness (GGX, F0 .04). "normals" are mean errors in degrees under the lights as they are, at the
+roughness (GGX, F0 0.04). "normals" are mean errors in degrees under the lights as they are, at the
 points that were found and, after "of", at the true ones. Seeds 0 to 3 were used for development.
 
     python benchmarks/near_heights.py --first-seed 101 --seeds 3

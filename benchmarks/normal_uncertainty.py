@@ -62,7 +62,7 @@ def dome(count: int, lowest: float = 0.35) -> Lights:
 def ball(
     rng: np.random.Generator, *, size: int, count: int, cast: bool, gloss: float | None = None
 ) -> Case:
-    """Return a ball with an albedo from .1 to .9; at most a third of the lights may be blocked."""
+    """Return a ball with an albedo from 0.1 to 0.9; a third of the lights may be blocked."""
     y, x = np.mgrid[1 : -1 : size * 1j, -1 : 1 : size * 1j]
     z = np.sqrt(np.clip(1 - x * x - y * y, 0, None))
     normals, mask = np.stack([x, y, z], axis=-1), np.hypot(x, y) < 0.95

@@ -38,6 +38,7 @@ RAISED: Final = """(() => {
 PICTURES: Final = (
     ("report-desktop", "fill", SIDE, DESKTOP, False, None),
     ("report-phone", "fill", SIDE, PHONE, False, None),
+    ("report-demo", "demo", SIDE, DESKTOP, False, None),
     ("report-dark", "demo", "#light=135.0,30.0", DESKTOP, True, None),
     ("report-lights", "demo", "", DESKTOP, False, ".columns"),
     ("measuring", "demo", SURFACE, DESKTOP, False, None),

@@ -65,10 +65,10 @@ def brightened(share: float) -> Callable[..., acquisition.Lights]:
 CASES = (
     Case("none: no noise, true lights", noise=False),
     Case("noise of the sensor"),
-    Case("each light .5 mm off", moved(0.5), noise=False),
+    Case("each light 0.5 mm off", moved(0.5), noise=False),
     Case("each light 2 mm off", moved(2.0), noise=False),
     Case("all lights 2 mm off together", moved(2.0, common=True), noise=False),
-    Case("intensities .5 % off", brightened(0.005), noise=False),
+    Case("intensities 0.5 % off", brightened(0.005), noise=False),
     Case("mean height 2 mm too high", noise=False, off_mm=2.0),
     Case("mean height 10 mm too high", noise=False, off_mm=10.0),
     Case("near lights taken as distant", noise=False, distant=True),

@@ -5,9 +5,10 @@ sizes, random reliefs with consecutive seeds, parts of each relief at other plac
 `sgp bench synthesis`, parts of owl and plant, DiLiGenT's bear, and two meshes, projected. They are
 cut from larger details, as `sgp detail synthesize --crop` does. None is left out because of its
 figures. A star marks a figure that misses its demand: a mean detail angle
-within 7 % of the exemplar's, slopes within .10 of their spread, a spectrum at most 1.5 times as far
-as the halves of the exemplar are, a repeat score at most .15 above the exemplar's, and steps across
-cuts of at most 1.15 times those inside patches. Without --data, only simulated exemplars are used.
+within 7 % of the exemplar's, slopes within 0.10 of their spread, a spectrum at most 1.5 times as
+far as the halves of the exemplar are, a repeat score at most 0.15 above the exemplar's, and steps
+across cuts of at most 1.15 times those inside patches. Without --data, only simulated exemplars are
+used.
 
     python benchmarks/synthesis_independent.py --data $SGP_DATA
 """

@@ -1,7 +1,7 @@
 """Lizard scales and textile of the simulator on real shapes: figures, and pictures for the docs.
 
 The exemplars are 256 x 256 pixels. The targets, in the folder SGP_DATA, are DiLiGenT's cat and the
-head of Max Planck, projected from a mesh. The pattern has .6 times the size of the exemplar. For
+head of Max Planck, projected from a mesh. The pattern has 0.6 times the size of the exemplar. For
 each pair the table has the mean detail angle of the result relative to that of the exemplar, the
 step across cuts over that inside patches, the mean angle between the shapes of target and result,
 the share of pixels whose pattern is smaller than intended, and CPU seconds, which contain the time

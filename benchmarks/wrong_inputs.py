@@ -31,8 +31,8 @@ CASES = {
     "radius +5 %": ("ratio", 0.05),
     "distance +1 %": ("distance", 0.01),
     "focal +1 %": ("focal", 0.01),
-    "k1 = .1 ignored": ("distortion", 0.1),
-    "k1 = -.1 ignored": ("distortion", -0.1),
+    "k1 = 0.1 ignored": ("distortion", 0.1),
+    "k1 = -0.1 ignored": ("distortion", -0.1),
 }
 
 

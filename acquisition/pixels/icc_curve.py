@@ -36,8 +36,8 @@ def icc_curve(profile: bytes) -> TransferCurve:
     Returns
     -------
     TransferCurve
-        Light relative to white. A curve within .002 of sRGB, of linear or of a power is returned as
-        such, any other as a table.
+        Light relative to white. A curve within 0.002 of sRGB, of linear or of a power is returned
+        as such, any other as a table.
 
     Raises
     ------

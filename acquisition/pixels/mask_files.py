@@ -169,6 +169,6 @@ def _full(values: AnyArray) -> float:
 
 
 def above_half(values: AnyArray) -> Bool:
-    """Return where values are above half of the range of their type, or above .5 in floats."""
+    """Return where values are above half of the range of their type, or above 0.5 in floats."""
     inside: Bool = values > values.dtype.type(_full(values) / 2)
     return inside

@@ -27,7 +27,7 @@ _PART = 0.002
 _FEWEST = 4
 # Exponents of highlights, from a broad sheen to a sharp reflection.
 _LOBES = (8.0, 32.0, 128.0, 512.0)
-# Sizes of highlights relative to the matte light; the smooth part is wrong by about .14 of them.
+# Sizes of highlights relative to the matte light; the smooth part is wrong by about 0.14 of them.
 _GLOSS, _SHEEN = 0.01, 0.0015
 _SIGNIFICANT = 10.0
 _LIMIT = 0.5

@@ -21,7 +21,7 @@ from rig.arrays import Bool, Float64
 _POOR_FIT = 0.03
 _SMOOTH_MISFIT = 0.01
 # Positions that are all too high by 1 mm look like a card that is 1 mm too low, and positions from
-# spheres have common errors of this size. 3 mm change intensities by .5 % in a dome of 450 mm.
+# spheres have common errors of this size. 3 mm change intensities by 0.5 % in a dome of 450 mm.
 _LEAST_MM = 3.0
 _CONFIDENCE = 0.9999
 _FEWEST_LIGHTS = 4

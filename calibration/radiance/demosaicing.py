@@ -111,7 +111,7 @@ def check_pattern(pattern: str) -> None:
 
 
 def luma(colour: Float32) -> Float32:
-    """Return the gray values ``.2989 R + .587 G + .114 B`` of linear colours ``(..., 3)``.
+    """Return the gray values ``0.2989 R + 0.587 G + 0.114 B`` of linear colours ``(..., 3)``.
 
     Examples
     --------

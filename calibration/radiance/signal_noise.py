@@ -128,7 +128,7 @@ def _of_repeats(
         return None
     levels = [linear.reference_level(one.exposure_us)[0] for one, _ in pairs]
     offset = 0.0 if black_level else max(min(levels), 0.0)
-    # Imported here: scipy.optimize takes .4 s, and most recordings state their sensor.
+    # Imported here: scipy.optimize takes 0.4 s, and most recordings state their sensor.
     from scipy.optimize import nnls
 
     design = np.stack([level - offset, np.ones_like(level)], axis=1)

@@ -375,7 +375,7 @@ def linear_stack(
     The result is divided by the flat field of the source, if it has one.
     Bayer frames are demosaiced bilinearly. Each channel is divided
     by the light's intensity, an image of one channel by the mean of the three intensities; gray is
-    then ``.2989 R + .587 G + .114 B``. Frames of the role flat are not used. Images of a source
+    then ``0.2989 R + 0.587 G + 0.114 B``. Frames of the role flat are not used. Images of a source
     with a `Source.reduction` are cropped and averaged last; a block with a saturated sample is left
     out.
 

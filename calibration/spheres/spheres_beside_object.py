@@ -20,7 +20,7 @@ from rig.arrays import UInt8
 
 # The bright rim of an outline, blurred by the lens, and the contact shadow extend beyond it.
 _MARGIN, _MARGIN_PX = 0.05, 3.0
-# A focal length wrong by .1 % moves lights by .6 mm, as much as the errors of good spheres.
+# A focal length wrong by 0.1 % moves lights by 0.6 mm, as much as the errors of good spheres.
 _SAME = 0.001
 _LISTED = 4
 
@@ -161,8 +161,8 @@ def record_setup(estimate: SphereCalibration, source: Source, *others: Source) -
 def check_recordings(sources: Sequence[Source]) -> None:
     """Refuse recordings of moved spheres under different rigs, cameras, lenses or lights.
 
-    What one of them does not state is not compared. Lenses are the same if their rays agree to .1 %
-    of half the field of view.
+    What one of them does not state is not compared. Lenses are the same if their rays agree to
+    0.1 % of half the field of view.
 
     Parameters
     ----------

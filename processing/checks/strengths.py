@@ -33,7 +33,7 @@ _UNKNOWN = 0.1
 _UNCERTAIN = 0.03
 # A light is outside of the plane of the others by this sine at least.
 _LEAST_SINE = 0.05
-# Of directions of normals, the larger standard deviation: .02 is 1 degree.
+# Of directions of normals, the larger standard deviation: 0.02 is 1 degree.
 _LEAST_RELIEF = 0.02
 
 

@@ -158,7 +158,7 @@ def _otsu(image: Float32) -> tuple[float, float]:
 
 
 def _clean(bright: Bool) -> Bool:
-    # Imported here: it takes .2 s, and most recordings have a mask.
+    # Imported here: it takes 0.2 s, and most recordings have a mask.
     from scipy import ndimage
 
     parts, count = ndimage.label(bright)

@@ -20,7 +20,7 @@ Green = Literal["up", "down"]
 
 # Larger components cannot belong to a unit vector, and their squares would overflow.
 _LONGEST = 1000.0
-# Normals with a smaller z hardly face the camera. Of 66 maps, at most .7 % do not (an owl,
+# Normals with a smaller z hardly face the camera. Of 66 maps, at most 0.7 % do not (an owl,
 # which also shows its back); if another component is stored as z, nearly half of them.
 _LEAST_Z, _MOST_AWAY = 0.02, 0.1
 # The channel in which z is stored: noise and quantisation may make a few of its values negative.

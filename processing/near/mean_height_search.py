@@ -26,7 +26,7 @@ from rig.arrays import Bool, Float32, Float64, Intp
 
 _STRENGTH_PIXELS = 250
 _STRENGTH_TRIED = 13
-# Of heights, relative to the range: a millimetre changes strengths by .2 %.
+# Of heights, relative to the range: a millimetre changes strengths by 0.2 %.
 _ACCURACY = 1e-3
 # Pixels that show the mean height.
 _SAMPLED = 2500
@@ -300,7 +300,7 @@ def _least_cost(
         if best in (0, tried - 1):
             return None
         around = heights[best - 1], heights[best + 1]
-    # Imported here: it takes .4 s, and only near lights need it.
+    # Imported here: it takes 0.4 s, and only near lights need it.
     from scipy.optimize import minimize_scalar
 
     found = minimize_scalar(cost, bounds=around, method="bounded", options={"xatol": accuracy})

@@ -241,7 +241,7 @@ def _filled(depth: Float64, inside: Bool) -> Float64:
     """Return a depth for all pixels: outside, that of the nearest one inside."""
     whole = np.zeros(inside.shape)
     whole[inside] = depth
-    # Imported here: it takes .2 s, and only near lights need it.
+    # Imported here: it takes 0.2 s, and only near lights need it.
     from scipy.ndimage import distance_transform_edt
 
     rows, columns = distance_transform_edt(~inside, return_distances=False, return_indices=True)

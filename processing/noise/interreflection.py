@@ -10,8 +10,8 @@ from processing.noise.sample_kind import SampleKind
 from rig.arrays import Bool, Float32
 
 # Angle of a normal, rad, by the blocked share of its sky: in a hollow sphere that is cut open, one
-# reflection by an albedo of .5 turns normals by .17 to .24 of this share (root mean square, caps of
-# 30 to 90 degrees; the light is the same at all points of a sphere).
+# reflection by an albedo of 0.5 turns normals by 0.17 to 0.24 of this share (root mean square, caps
+# of 30 to 90 degrees; the light is the same at all points of a sphere).
 _TURN_RAD = 0.2
 # Pixels across over which shares are averaged.
 _ACROSS = 5

@@ -117,7 +117,7 @@ def lens_blur(normals: MapRows, noise: MapRows, valid: Bool) -> LensBlur:
 
     The spectrum of normals along rows and columns is fitted by a power of the frequency times that
     of a Gaussian, above the noise. Both have a prior: edges and lenses as they usually are. Where
-    noise hides the detail, the width is .7 px.
+    noise hides the detail, the width is 0.7 px.
 
     Parameters
     ----------

@@ -56,7 +56,7 @@ class NormalUncertainty:
         Where the law of the noise is from: ``sensor``, ``repeats``, ``residuals``, or ``unknown``.
     neighbour_correlation
         Correlation, from -1 to 1, between the residuals of each light and of the one nearest to it,
-        averaged over pixels. It is about -.1 where the residuals are noise. Above .1 the surface
+        averaged over pixels. It is about -0.1 where the residuals are noise. Above 0.1 the surface
         is not matte, or light comes from elsewhere. NaN with fewer than 8 lights or 100 pixels.
     """
 

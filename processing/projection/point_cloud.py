@@ -36,7 +36,7 @@ _CHUNK = 100_000
 # A neighbourhood is a line if its relative spread across the line is below this.
 _LINE = 1e-6
 # Below this, the points of a line scanner have mostly neighbours on their own line, and above the
-# second value also on those next to it. Random points are above .1, but for one in thousands.
+# second value also on those next to it. Random points are above 0.1, but for one in thousands.
 _OF_LINES, _ACROSS_LINES = 0.02, 0.1
 # Share of such points that makes a cloud one of lines, and the most neighbours that are tried.
 _SHARE_OF_LINES, _MOST_NEIGHBOURS = 0.1, 1024

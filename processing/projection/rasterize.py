@@ -23,7 +23,7 @@ _LEAST_DEG, _MOST_DEG = 32, 60
 # Half the width of a gap: the edges of a cylinder of 24 segments turn by 15 degrees.
 _GAP_DEG: Final = 8
 # Edges in the gap, relative to the sharper ones: the edges of scanned and of decimated meshes
-# have all angles, ever fewer of the larger ones; there it is .5 and more.
+# have all angles, ever fewer of the larger ones; there it is 0.5 and more.
 _MOST_BETWEEN: Final = 0.05
 # Share of all edges, by length: a few folded faces do not make a part.
 _LEAST_SHARP: Final = 1e-3

@@ -62,7 +62,7 @@ _UNSETTLED_MM = 5.0
 # Notices about the height that say that images and lights contradict each other.
 _CAUSES = ("height-contradicted", "height-doubtful")
 # Relative error of strengths by that of a height that is found with them: on simulated objects it
-# is .05 to 1.2 %, and ten times what residuals show; on four that are not matte, 3 to 9 %.
+# is 0.05 to 1.2 %, and ten times what residuals show; on four that are not matte, 3 to 9 %.
 _BY_HEIGHT, _BY_GLOSSY_HEIGHT = 0.01, 0.07
 
 

@@ -46,11 +46,11 @@ def fit_recording(
 ) -> RelightFit:
     """Fit the images of a recording by functions of the direction of the light.
 
-    The images are made linear as in `linear_stack` and divided by white, the light that .1 % of the
-    pixels exceed. Saturated and missing samples are left out, those in shadow are not. A penalty on
-    the size of the coefficients, 1e-4 of the number of samples, makes the solution unique. Samples
-    under near lights are divided by the irradiance at their point, so that the result is the image
-    under a distant light.
+    The images are made linear as in `linear_stack` and divided by white, the light that 0.1 % of
+    the pixels exceed. Saturated and missing samples are left out, those in shadow are not. A
+    penalty on the size of the coefficients, 1e-4 of the number of samples, makes the solution
+    unique. Samples under near lights are divided by the irradiance at their point, so that the
+    result is the image under a distant light.
 
     Parameters
     ----------

@@ -423,7 +423,7 @@ class _Surface:
     """Depths of cells from their normals: the least squares over differences of neighbours."""
 
     def __init__(self, points: Float64, places: Intp, shape: tuple[int, ...]) -> None:
-        # Imported here: they take .2 s.
+        # Imported here: they take 0.2 s.
         from scipy.sparse import csr_array, eye_array
         from scipy.sparse.linalg import splu
 

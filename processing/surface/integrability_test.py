@@ -32,9 +32,9 @@ _CLEARER = 0.75
 # And that with the given axes must be larger than this share of all derivatives: it is 0.35 to 0.7
 # of mirrored reliefs, 0.12 of a mirrored sphere, and up to 0.05 of a correct one.
 _LEAST_CURL = 0.08
-# And it must be that of a surface rather than that of noise (.7), which differs by up to 5 %. Of a
-# dense relief of leaves that hide each other it is .60; of separate slopes with steps between them,
-# which are no evidence of wrong axes, it is above .72 with all axes.
+# And it must be that of a surface rather than that of noise (0.7), which differs by up to 5 %. Of a
+# dense relief of leaves that hide each other it is 0.60; of separate slopes with steps between
+# them, which are no evidence of wrong axes, it is above 0.72 with all axes.
 _LIKE_A_SURFACE = 0.65
 
 # The slopes (p, q) of a map with these axes are `matrix @ (p, q)` of a map with the right ones.
@@ -55,7 +55,7 @@ class Integrability:
     ----------
     curl
         Mean absolute difference of the two mixed second derivatives, divided by the mean sum of
-        their absolute values: 0 for the normals of a surface, 1 if the map is mirrored, about .7
+        their absolute values: 0 for the normals of a surface, 1 if the map is mirrored, about 0.7
         for noise. It is that of the scale (1, 2, 4, ... pixels) at which the map is most like a
         surface: fine scales show noise, and coarse ones nothing of fine detail. NaN if too few
         normals face the camera.

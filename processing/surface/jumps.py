@@ -44,8 +44,8 @@ _LEAST_SUM = 0.5
 # this. Of the depth jumps of more than 2 mm (5 px) in four captured objects, two thirds are found.
 _JUMP_PX = 2.0
 _JUMP_TRUST = 0.3
-# Edges with less trust do not connect pieces. At .6, 14 of 18 balls that hide their contact with
-# the ground are pieces of their own, at .7 all of them.
+# Edges with less trust do not connect pieces. At 0.6, 14 of 18 balls that hide their contact with
+# the ground are pieces of their own, at 0.7 all of them.
 _PIECE_TRUST = 0.7
 # Smaller pieces, in pixels and relative to all pixels, are crumbs at the jumps.
 _SMALLEST_PIECE = 50
@@ -72,7 +72,7 @@ class Jumps:
         By how much the last round moved the surface in itself, in pixels: the median over all
         pixels.
     settled
-        Whether the surface stood still at the end: the last round moved it by less than .1 px.
+        Whether the surface stood still at the end: the last round moved it by less than 0.1 px.
     """
 
     right: Bool

@@ -169,7 +169,7 @@ class HeightPrior:
 
 def _interpolated(values: Float32, y: Float64, x: Float64) -> Float32:
     """Interpolate between the centres of pixels; NaN next to an unknown one and outside."""
-    # Imported here: it takes .2 s, and few surfaces have a prior.
+    # Imported here: it takes 0.2 s, and few surfaces have a prior.
     from scipy.ndimage import map_coordinates
 
     places = np.meshgrid(y, x, indexing="ij")

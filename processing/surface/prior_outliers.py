@@ -50,7 +50,7 @@ def prior_outliers(off: Float64, spread: Float64, labels: Int32) -> Bool:
         at = places[:, 1], places[:, 0]
         far = _far(places, off[at], spread[at])
         if far.any():
-            # Imported here: it takes .2 s, and few surfaces have a prior.
+            # Imported here: it takes 0.2 s, and few surfaces have a prior.
             from scipy.spatial import KDTree
 
             nearest = np.asarray(KDTree(places).query(places[far], 2)[1])

@@ -44,7 +44,7 @@ def solve_thin(
         ``(H+2, W+2)`` solution, 0 at the first pixel of each part without anchors and at pixels
         without edges.
     """
-    # Imported here: it takes .3 s, and few masks are thin.
+    # Imported here: it takes 0.3 s, and few masks are thin.
     from scipy import sparse
     from scipy.sparse import linalg
 

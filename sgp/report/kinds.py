@@ -27,7 +27,7 @@ NUMBERS: Final = {
     "normal_sigma_deg": Kind("normal_sigma_deg.exr", "Standard deviation of the normal", "deg"),
     "height_sigma": Kind("height_sigma.exr", "Standard deviation of the height", None),
     "residual": Kind("residual.exr", "Residual of the images", "of the white level"),
-    "specular": Kind("specular.exr", "Light above a matte surface", "of the white level"),
+    "specular": Kind("specular.exr", "Specular residual", "of the white level"),
     "curl_deg": Kind("curl_deg.exr", "Contradiction of the normals (curl)", "deg"),
     "normal_residual_deg": Kind("normal_residual_deg.exr", "Angle of normals and surface", "deg"),
     "error": Kind("error.exr", "Angular error", "deg"),

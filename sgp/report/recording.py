@@ -133,7 +133,8 @@ def _lights(
     folder: ResultFolder, inputs: Inputs, notices: list[rig.Notice]
 ) -> acquisition.Lights | None:
     stated = folder.parameter("lights")
-    path = folder.located(stated) if isinstance(stated, str) else folder.file("lights.json")
+    # `rig` is not a path; strengths that were estimated for its LEDs are in lights.json.
+    path = folder.file("lights.json") if stated in (None, "rig") else folder.located(str(stated))
     if path is None:
         return None
     if inputs.state(path) == "changed":

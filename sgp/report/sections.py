@@ -47,7 +47,7 @@ def sections(part: Part, heading: str) -> list[Html]:
         return []
     noted = [*part.notices, *(one for record in folder.records.values() for one in record.notices)]
     planes = part.maps.planes.values() if part.maps else ()
-    lead = tag("p", "Colour scales leave out .5 % of the pixels at each end.", class_="lead")
+    lead = tag("p", "Colour scales leave out 0.5 % of the pixels at each end.", class_="lead")
     maps = lead, tag("div", id=f"maps-{number}", class_="maps")
     lights = recording.lights
     contents: dict[str, Html | Sequence[Html]] = {

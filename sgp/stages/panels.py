@@ -116,12 +116,12 @@ def _highlights(
     mask: Bool,
     crop: Crop,
 ) -> Panel:
-    """Return a map of the light above a matte surface, relative to the mean albedo."""
+    """Return a map of the specular residual, relative to the mean albedo."""
     white, above = _mean(albedo, mask), _mean(specular, mask)
     percent = acquisition.files.ComputedRows(
         mask.shape, np.dtype(np.float32), lambda rows: 100 / white * specular[rows]
     )
-    title = f"light above a matte surface, mean {100 * above / white:.2g} %"
+    title = f"specular residual, mean {100 * above / white:.2g} %"
     return map_panel(title, percent, "% of the mean albedo", crop, error=True, mask=mask)
 
 

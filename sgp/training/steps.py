@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 # Weight of the likelihood: it is small so that it hardly changes the normals.
 _LIKELIHOOD = 0.02
-# Added to square errors (radian^2): the rounding of normals, .02 degree.
+# Added to square errors (radian^2): the rounding of normals, 0.02 degree.
 _ROUNDING = 1e-7
 # Added to squared chords, so that the derivative of the chord exists at 0.
 _SMOOTHING = 1e-12

@@ -13,6 +13,7 @@ import acquisition
 from rig import RigConfig, read_rig_config
 from sgp.cli.exit import UsageError
 from sgp.cli.options import RIG_LIGHTS
+from sgp.report import make_report
 from sgp.rigs import given_lights
 
 PLACES = [[300, 0, 300], [0, 310, 300], [-280, 0, 300], [0, -305, 310]]
@@ -102,3 +103,6 @@ def test_a_folder_of_images_under_the_lights_of_a_rig(sgp, tmp_path: Path) -> No
     assert (record["parameters"]["lights"], record["parameters"]["rig"]) == ("rig", str(file))
     image = cv2.imread(str(tmp_path / "out" / "normals.png"), cv2.IMREAD_UNCHANGED)
     assert np.abs(image[..., 2::-1] / 65535 * 2 - 1 - [0, 0, 1]).max() < 0.01
+    # Its page does not look for a file `rig`.
+    made = make_report([tmp_path / "out"], max_pixels=10_000)
+    assert not any("not shown" in notice.text for notice in made.notices)

@@ -31,7 +31,8 @@ _OTHER_LAMP = 1.0
 _ELSEWHERE_RADII = 0.38
 # If no size is usual, the logarithms of the areas scatter by more than this, and the contours by
 # more than this share of their radii, most spots are reflections. The medians of six such drawn
-# balls are .6 to 1.3 and .14 to .3; of 95 % of the highlights on others, contours scatter by .04.
+# balls are 0.6 to 1.3 and 0.14 to 0.3; of 95 % of the highlights on others, contours scatter by
+# 0.04.
 _SCATTERED, _NOT_ROUND = 0.5, 0.05
 
 

@@ -28,7 +28,7 @@ _LEAST_SHARED, _MORE_SHARED = 3, 2
 _LAMPS, _AS_BRIGHT = 3, 0.6
 # One percent of the radius is an error of a degree.
 _UNLIKE = 0.01
-# Of a smooth peak, a tenth of the pixels above .8 of it are above .98, fewer if it is noisy. Of a
+# Of a smooth peak, a tenth of the pixels above 0.8 of it are above 0.98, fewer if it is noisy. Of a
 # saturated one that JPEG was applied to, a third, of which a fifth and 12 or more are equal.
 _EVEN, _NEARLY, _EVEN_SHARE = 0.98, 0.8, 1 / 3
 _EQUAL, _EQUAL_SHARE, _EQUAL_PX = 1 - 1e-4, 0.2, 12

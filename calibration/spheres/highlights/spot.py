@@ -15,7 +15,7 @@ _LEVELS = (0.85, 0.6)
 # Standard deviation of a coordinate by the positions of the pixels, times the radius of the core.
 _PIXELS_PX2 = (0.134, 0.085)
 # Error by glare, from the shift between the levels beyond its noise: at most six times the shift
-# (weak glare moves both) and at most a quarter of it plus .02 of the radius (strong glare moves
+# (weak glare moves both) and at most a quarter of it plus 0.02 of the radius (strong glare moves
 # the lower one far).
 _WEAK_GLARE, _STRONG_GLARE, _GLARE_RADII = 6.0, 0.25, 0.02
 # The centre moves further by this share of the motion from the lower level to the upper one.

@@ -22,12 +22,12 @@ _LARGE_PX = 150.0
 _GRID, _STEPS = 4, (2.0, 1.0, 0.5, 0.25)
 _SECTORS = 12
 # An image moved if its edges agree better elsewhere, by this much (1 is perfect agreement), and by
-# so many standard deviations of the mean over the sectors. The difference is .010 or less in images
-# that did not move, and up to .026 in a few sectors of these.
+# so many standard deviations of the mean over the sectors. The difference is 0.010 or less in
+# images that did not move, and up to 0.026 in a few sectors of these.
 _GAIN, _SIGMAS = 0.012, 2.0
 _LARGE_GAIN, _OF_LARGE_GAIN = 0.08, 1.5
 _LEAST_SHIFT_PX = 0.7
-# Shadows and highlights of few other images are not averaged: .7 to 1.1 px in 6 of 468 draws of 3
+# Shadows and highlights of few other images are not averaged: 0.7 to 1.1 px in 6 of 468 draws of 3
 # to 6 images.
 _FEW, _LEAST_OF_FEW_PX, _FEWEST = 8, 1.2, 3
 # On smaller spheres, highlights and shadows are too near to the outline.

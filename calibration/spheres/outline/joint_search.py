@@ -26,7 +26,7 @@ from rig.arrays import Float32, Float64
 
 _MARGIN_SHARE, _MARGIN_PX = 0.3, 24
 _MOST_IMAGES = 18
-# An outline that edges support this well has no rival. Noise supports up to .25 of large outlines.
+# An outline that edges support this well has no rival. Noise supports up to 0.25 of large outlines.
 WITHOUT_DOUBT, _LEAST_SUPPORT = 0.65, 0.3
 _LEADERS, _QUICK_ANGLES = 6, 360
 _SAME_PX, _NEAR_PX = 0.25, 1.0
@@ -52,7 +52,7 @@ class JointNear(JointOutline):
     covariance_px2
         ``(3, 3)``, of centre x, centre y and radius, without systematic errors.
     bright_support
-        Support where the surroundings are bright, see `bright_side.bright_support`; NaN if they are
+        Support where the surroundings are bright, see `joint_edge.bright_support`; NaN if they are
         hardly bright, and of an outline without doubt.
     factor
         How many times smaller the images are in which its edges are seen.

@@ -197,7 +197,7 @@ class _Profiles:
 
     def _step(self, edge: float, blur: float) -> tuple[Float64, Float64]:
         """Return what the inside ``(S, cells)`` and a line outside ``(S, 2)`` contribute."""
-        # Imported here: scipy.special takes .1 s, and balls without a plane do not need it.
+        # Imported here: scipy.special takes 0.1 s, and balls without a plane do not need it.
         from scipy.special import ndtr
 
         apart = self._offsets - edge

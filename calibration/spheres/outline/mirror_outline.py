@@ -20,15 +20,16 @@ from rig.arrays import Float64
 _SEARCH_SHARE = 0.01
 _FINEST_PX = 0.003
 # Where the two differ by more than is usual, the mirror image is wrong by this: of 213 simulated
-# balls, 15 had mirror images that were .05 to .17 px off, and edges that were at most .04 px off.
+# balls, 15 had mirror images that were 0.05 to 0.17 px off, and edges that were at most 0.04 px
+# off.
 _TAIL_PX = 0.1
 # Errors of edges that neither scatter nor misfit show, of place and radius, times the square of the
 # radius; measured on simulated boards.
 _EDGE_PX3 = 5.0
 # The mirror image is compared with at most this blur; what more does to its outline, in the blur.
 _MOST_BLUR_PX, _OUT_OF_FOCUS = 1.8, 0.3
-# On 11 patterned boards, spheres of 18 to 103 px have slopes of up to .012, a contrast of 13 or
-# more and shares of .66 or more; none of six false planes around lone balls has all three.
+# On 11 patterned boards, spheres of 18 to 103 px have slopes of up to 0.012, a contrast of 13 or
+# more and shares of 0.66 or more; none of six false planes around lone balls has all three.
 _SURE_SLOPE, _SURE_CONTRAST, _SURE_SHARE = 0.015, 10.0, 0.65
 # Errors of edges of more than the usual blur, as a share of the excess.
 _USUAL_BLUR_PX, _OF_BLUR = 1.2, 0.03

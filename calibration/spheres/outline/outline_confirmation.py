@@ -35,8 +35,8 @@ _AROUND, _AROUND_REACH = 1.2, 0.25
 _USUAL_FACTOR = 4
 # Circles that are given may be so many times their reach away.
 _NEAR = 2.0
-# Without a plane, only the edges show that there is a ball. False outlines have up to .48, all of
-# those below .6 get a notice.
+# Without a plane, only the edges show that there is a ball. False outlines have up to 0.48, all of
+# those below 0.6 get a notice.
 LEAST_SUPPORT = 0.45
 # Noise supports up to a quarter: an outline with less on its bright side is not seen there.
 _NOT_SEEN = 0.25
@@ -166,7 +166,7 @@ def _contradicts(joint: JointNear, sphere: SphereImage, change: Float64) -> bool
 def _either(values: Images, sphere: SphereImage, joint: JointNear, change: Float64) -> SphereImage:
     """Return a sphere that may have its own outline or that of the edges.
 
-    Of spheres on print, edges support .39 to .78 of the length of their outlines.
+    Of spheres on print, edges support 0.39 to 0.78 of the length of their outlines.
     """
     if sphere.on_plane and edges_support(values, sphere.outline):
         return sphere

@@ -22,7 +22,7 @@ _FARTHEST_SHARE = 0.05
 _OWN_SHARE, _SIGMAS = 0.01, 4.0
 _SAME_SIZE = 0.08
 # Share of the systematic variance of the radius that all outlines of a recording have in common:
-# where the edge is within a blurred step. In rendered scenes, radii scatter by .02 px about a mean
+# where the edge is within a blurred step. In rendered scenes, radii scatter by 0.02 px about a mean
 # that is off by as much or more.
 COMMON_SHARE = 0.5
 
