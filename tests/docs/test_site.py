@@ -41,6 +41,12 @@ def test_every_page_is_in_a_table_of_contents() -> None:
     assert listed == {*PAGES}
 
 
+def test_every_measured_table_is_linked() -> None:
+    text = (DOCS / "project.md").read_text(encoding="utf-8")
+    tables = {path.name for path in (DOCS / "measured").glob("*.csv")}
+    assert {*re.findall(r"\(measured/(.+?\.csv)\)", text)} == tables
+
+
 def test_each_door_has_three_to_five_links() -> None:
     doors = (DOCS / "index.md").read_text(encoding="utf-8").split("{container} door\n")[1:]
     links = [re.findall(r"^- \[[^]]+\]\(([^)#]+)", door, re.MULTILINE) for door in doors]
