@@ -22,7 +22,6 @@ import numpy as np
 from harness import command_line
 
 from acquisition import angle_deg
-from benchmarks.paper.sources import DILIGENT
 from processing import NormalMap, ShapeFilter, read_normals, transfer
 from processing.detail import FilterKind
 from rig.arrays import Bool, Float64
@@ -30,6 +29,7 @@ from rig.arrays import Bool, Float64
 FILTERS: tuple[tuple[FilterKind, int], ...] = (
     ("gaussian", 1), ("gaussian", 8), ("guided", 1), ("bilateral", 1),
 )  # fmt: skip
+TARGETS = ("bear", "buddha", "cat", "cow", "goblet")
 NEAR_PX, STEP_MM, LOW_STEP_MM = 5, 5.0, 1.0
 PAPER = ShapeFilter("gaussian", 1)
 
@@ -69,7 +69,7 @@ def main() -> None:
         print("SGP_DATA is not set: nothing to measure")
         return
     folder = Path(os.environ["SGP_DATA"]) / "normals"
-    targets = {name: read_normals(folder / "diligent" / name).normal_map for name in DILIGENT}
+    targets = {name: read_normals(folder / "diligent" / name).normal_map for name in TARGETS}
     print(f"{'source':10}{'own filter':>14}{'paper filter':>16}{'refined once':>16}")
     for name in ("owl", "plant"):
         source = read_normals(folder / name).normal_map
@@ -85,7 +85,7 @@ def main() -> None:
             detail = fmean(one.detail_mae_deg for one in done)
             print(f"{shape:8.2f} /{detail:5.2f}", end="")
         print()
-    near = {name: near_jumps(folder / "diligent" / name, targets[name].mask) for name in DILIGENT}
+    near = {name: near_jumps(folder / "diligent" / name, targets[name].mask) for name in TARGETS}
     inner = {
         name: interior(folder / "diligent" / name, target.mask) for name, target in targets.items()
     }

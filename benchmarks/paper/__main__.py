@@ -227,9 +227,12 @@ def _write_page(out: Path) -> None:
                     number = "" if value is None else f"{value:.6g}"
                     writer.writerow((group, key, row, column, number))
     spent = Table(
-        "groups", "What the groups took", ("seconds", "CPU seconds", "MB"), took, (), {},
+        "groups",
+        "What the groups took",
+        ("seconds", "CPU seconds", "MB"),
+        took,
         "CPU seconds are those of all processes and threads, MB is the peak of the largest one.",
-    )  # fmt: skip
+    )
     text = "\n\n".join([_PAGE_PREFACE, *parts, markdown(spent)])
     acquisition.write_durably(out / PAGE, f"{text}\n".encode())
     acquisition.write_durably(out / FIGURES, figures.getvalue().encode())

@@ -47,3 +47,13 @@ class Comparison:
         """Add a table and a picture with a name and a title."""
         self.tables.append(table)
         self.pictures[name] = Picture(title, panels, columns)
+
+    def without_data(self, consequence: str) -> None:
+        """State what the missing data changes."""
+        text = f"SGP_DATA is not set: {consequence}"
+        self.left_out.append(rig.Notice("bench-without-data", text))
+
+    def shortened(self, consequence: str) -> None:
+        """State what --quick changes."""
+        text = f"--quick: {consequence}"
+        self.left_out.append(rig.Notice("bench-quick", text, severity="info"))

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import processing
-import rig
 from benchmarks.paper.comparison import Comparison
 from benchmarks.paper.exemplars import materials
 from benchmarks.paper.peers import dgts, dspl, efros_leung, lapl, ours, pu_net, rdn, xie2014
@@ -80,10 +79,9 @@ def run_costs(*, quick: bool, advance: Progress) -> Comparison:
     )
     columns = ("fit, CPU s", "run, CPU s", "time, ratio", "memory, MB", "memory, ratio")
     title = f"Costs of all systems on {name}"
-    comparison.tables.append(Table("systems", title, columns, rows, (), {}, note))
+    comparison.tables.append(Table("systems", title, columns, rows, note))
     if sources.data is None:
-        text = "SGP_DATA is not set: all data are simulated"
-        comparison.left_out.append(rig.Notice("bench-without-data", text))
+        comparison.without_data("all data are simulated")
     comparison.files = sorted(sources.files)
     return comparison
 

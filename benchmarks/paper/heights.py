@@ -44,12 +44,12 @@ def height_profiles(
             "Height profile: heights of a result, sorted by the heights of its target",
             tuple(f"{texture} on {where}" for texture in _STAND_INS),
             rows,
-            paper.HEIGHT_PROFILES,
-            {"plotted, no figure printed": (None,) * len(paper.HEIGHT_PROFILES)},
             "The paper plots the curves of Lizard and Textile, synthesised over targets that it "
             "does not name. Here the detail is tiled (order 8, w=5). The height of each connected "
             "part of a surface is undetermined and is set to the mean of its target. The .csv "
             "files contain the curves.",
+            paper.HEIGHT_PROFILES,
+            {"plotted, no figure printed": (None,) * len(paper.HEIGHT_PROFILES)},
         ),
         profiles,
         panels,

@@ -63,14 +63,14 @@ def local_transfers(sources: Sources, advance: Progress) -> tuple[Table, list[Pa
         "Local transfer: a face transferred to another surface, errors over its region",
         tuple(FACES),
         rows,
-        tuple(paper.LOCAL_DEG),
-        {
-            "detail error, deg, normals": tuple(paper.LOCAL_DEG.values()),
-            "detail SSIM, normals": tuple(paper.LOCAL_SSIM.get(name) for name in paper.LOCAL_DEG),
-        },
         f"The paper states neither the positions of its faces nor how they were blended; Goethe "
         f"and Venus are not available. Gaussian of order 1, w={FACE_W}; the errors include the "
         "detail that the blending toward the rim removes. SSIM over the region with the usual "
         "constants, which is stricter than the paper's. The round trip and the measures 'from the "
         "same surfaces' and 'as surfaces' are as in the table by resolution.",
+        tuple(paper.LOCAL_DEG),
+        {
+            "detail error, deg, normals": tuple(paper.LOCAL_DEG.values()),
+            "detail SSIM, normals": tuple(paper.LOCAL_SSIM.get(name) for name in paper.LOCAL_DEG),
+        },
     ), panels

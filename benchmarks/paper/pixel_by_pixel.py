@@ -52,4 +52,4 @@ def pixel_by_pixel(
         f"neighbourhoods of {_SIDES['efros-leung']} and patches of {_SIDES['quilting']} pixels. "
         "The time of Efros-Leung grows with the product of both areas."
     )
-    return Table("efros_leung", "Pixel by pixel", _COLUMNS, rows, (), {}, note), panels
+    return Table("efros_leung", "Pixel by pixel", _COLUMNS, rows, note), panels

@@ -69,38 +69,38 @@ def of_textures(
             "Shape component: rotations within a window",
             tuple(textures),
             alike,
-            paper.MODELS,
-            paper.SHAPE_SIMILARITY,
             _SOURCES
             + _ORDERS
             + " The figures increase with the curvature per pixel; the paper does not state "
             "the resolution of its maps here.",
+            paper.MODELS,
+            paper.SHAPE_SIMILARITY,
         ),
         Table(
             "separability",
             "Separability: shape left in the detail",
             tuple(textures),
             apart,
-            paper.MODELS,
-            paper.SEPARABILITY,
             _SOURCES + _ORDERS + " The SSIM measures how flat the surface was, not how well it "
             "was separated: detail and map are equal only for a surface without shape.",
+            paper.MODELS,
+            paper.SEPARABILITY,
         ),
         Table(
             "idempotence",
             "Idempotence: SSIM of a higher order with the first (paper's protocol)",
             tuple(textures),
             again,
+            _SOURCES + _ORDERS,
             paper.MODELS,
             paper.IDEMPOTENCE,
-            _SOURCES + _ORDERS,
         ),
     )
     return *tables, panels
 
 
 def chain(sources: Sources, advance: Progress) -> Table:
-    """Transfer the owl's detail along the five DiLiGenT targets and back to the first."""
+    """Transfer the owl's detail along the DiLiGenT targets and back to the first."""
     targets = sources.targets()
     rows: dict[str, list[Number]] = {}
     for done, order in enumerate((1, 8)):
@@ -123,16 +123,16 @@ def chain(sources: Sources, advance: Progress) -> Table:
         "Chain: detail transferred from target to target and back to the first",
         (*targets, f"{DILIGENT[0]} again"),
         rows,
+        f"{len(targets)} of the ten DiLiGenT targets are available, and the owl instead of "
+        "Circular. All maps are cropped to one rectangle inside all masks, so that every pixel "
+        "takes part in all steps. The paper prints bounds only, and does not state whether errors "
+        f"are against the previous or the original detail: both are listed here. {_ORDERS}",
         ("worst of 11 steps",),
         {
             "shape error, deg, at most": (paper.CHAIN_SHAPE_DEG_MAX,),
             "detail error, deg, below": (paper.CHAIN_DETAIL_DEG_MAX,),
             "detail SSIM, above": (paper.CHAIN_DETAIL_SSIM_MIN,),
         },
-        "Five of the ten DiLiGenT targets are available, and the owl instead of Circular. All maps "
-        "are cropped to one rectangle inside all masks, so that every pixel takes part in all "
-        "steps. The paper prints bounds only, and does not state whether errors are against the "
-        f"previous or the original detail: both are listed here. {_ORDERS}",
     )
 
 
@@ -161,7 +161,7 @@ def exchange(
         "Cross-exchange of two details",
         (f"{name_a} on {name_b}", f"{name_b} on {name_a}"),
         rows,
+        f"The surfaces are not the paper's Circular and Walnut. {_ORDERS}",
         ("Circular, Walnut: upper map", "lower map"),
         {"detail error, deg": paper.CROSS_EXCHANGE_DEG},
-        f"The surfaces are not the paper's Circular and Walnut. {_ORDERS}",
     ), panels

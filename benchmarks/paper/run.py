@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import rig
 from benchmarks.paper import figures as paper
 from benchmarks.paper.comparison import Comparison, Picture
 from benchmarks.paper.heights import height_profiles
@@ -50,8 +49,7 @@ def run_properties(*, quick: bool, advance: Progress) -> Comparison:
     exchanged = exchange(textures, advance)
     comparison.add("cross_exchange", "Details exchanged (order 8)", 4, *exchanged)
     if sources.data is None:
-        text = "SGP_DATA is not set: owl, plant and chain are left out; all data are simulated"
-        comparison.left_out.append(rig.Notice("bench-without-data", text))
+        comparison.without_data("owl, plant and chain are left out; all data are simulated")
     comparison.files = sorted(sources.files)
     return comparison
 
@@ -78,11 +76,9 @@ def run_transfers(*, quick: bool, runs: int | None, advance: Progress) -> Compar
     title = "Heights, sorted by the target's (order 8)"
     comparison.add("height_profile", title, 2, table, panels)
     if sources.data is None:
-        text = (
-            "SGP_DATA is not set: bunny, DiLiGenT targets and local transfers are left out; all "
-            "data are simulated"
+        comparison.without_data(
+            "bunny, DiLiGenT targets and local transfers are left out; all data are simulated"
         )
-        comparison.left_out.append(rig.Notice("bench-without-data", text))
     else:
         tables, panels = onto_diligent(sources, runs, advance)
         comparison.tables += tables
@@ -92,10 +88,8 @@ def run_transfers(*, quick: bool, runs: int | None, advance: Progress) -> Compar
         local = local_transfers(sources, advance)
         comparison.add("local", "Faces transferred to other surfaces", 3, *local)
     if quick:
-        text = (
-            f"--quick: more than {_QUICK_POINTS} points are left out, and with them the headline "
-            "ratio"
+        comparison.shortened(
+            f"more than {_QUICK_POINTS} points are left out, and with them the headline ratio"
         )
-        comparison.left_out.append(rig.Notice("bench-quick", text, severity="info"))
     comparison.files = sorted(sources.files)
     return comparison

@@ -80,11 +80,9 @@ def run_sheets(*, quick: bool, seed: int, advance: Progress, side: int | None = 
         table, panels = compare_systems(sources, advance)
         comparison.add("synthesis_systems", "Synthesis by all systems", 6, table, panels)
     if sources.data is None:
-        text = "SGP_DATA is not set: reliefs, owl, plant and cat are left out; all is simulated"
-        comparison.left_out.append(rig.Notice("bench-without-data", text))
+        comparison.without_data("reliefs, owl, plant and cat are left out; all is simulated")
     if quick:
-        text = f"--quick: sheets of {side} x {side} pixels, and no complete maps as exemplars"
-        comparison.left_out.append(rig.Notice("bench-quick", text, severity="info"))
+        comparison.shortened(f"sheets of {side} x {side} pixels, and no complete maps as exemplars")
     comparison.files = sorted(sources.files)
     return comparison
 
@@ -130,7 +128,7 @@ def _quality(
         "twice the period. An ordered structure correlates with itself, so its exemplar has a high "
         "score, too."
     )
-    return Table(key, f"{title}: sheets and their exemplars", _COLUMNS, rows, (), {}, note), panels
+    return Table(key, f"{title}: sheets and their exemplars", _COLUMNS, rows, note), panels
 
 
 def _cost(
@@ -150,11 +148,11 @@ def _cost(
         "Cost of sheets",
         ("CPU time, s", "elapsed time, s", "memory, MB"),
         rows,
-        ("time, s", "memory, MB"),
-        paper.SYNTHESIS,
         f"Here: {name}, 256 x 256 pixels, on {_computer()}; memory is the peak above that before. "
         "The paper's figures are for a target surface, on another computer and with another method "
         "of synthesis.",
+        ("time, s", "memory, MB"),
+        paper.SYNTHESIS,
     )
 
 
@@ -198,8 +196,6 @@ def _onto_target(
         f"Synthesised detail on {where}, separated again",
         tuple(exemplars),
         rows,
-        (),
-        {},
         note,
     )
     return table, profiles, panels

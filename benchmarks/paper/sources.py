@@ -12,7 +12,7 @@ import numpy as np
 import processing
 import simulator
 
-DILIGENT = ("bear", "buddha", "cat", "cow", "goblet")
+DILIGENT = ("bear", "buddha", "cat", "cow", "goblet", "harvest")
 
 _SIDE_PX = 512
 # Radius of the simulated reliefs in mm: a smaller radius gives more pixels per yarn or scale.

@@ -9,7 +9,6 @@ import numpy as np
 
 import acquisition
 import processing
-import rig
 from benchmarks.paper import superres_tables as tables
 from benchmarks.paper.comparison import Comparison, Picture
 from benchmarks.paper.measure import cost
@@ -77,11 +76,9 @@ def run_superres(*, quick: bool, seed: int, models: Path | None, advance: Progre
             comparison.tables += [*made, distances(advance)]
             comparison.pictures["systems"] = Picture("All systems, scale 4", panels, 7)
     if sources.data is None:
-        text = "SGP_DATA is not set: reliefs, captured maps and the head are left out"
-        comparison.left_out.append(rig.Notice("bench-without-data", text))
+        comparison.without_data("reliefs, captured maps and the head are left out")
     if quick:
-        text = "--quick: only the middle of each map, and no scale 2"
-        comparison.left_out.append(rig.Notice("bench-quick", text, severity="info"))
+        comparison.shortened("only the middle of each map, and no scale 2")
     comparison.files = sorted({*comparison.files, *sources.files})
     return comparison
 
@@ -138,7 +135,5 @@ def _cost(model: processing.SuperResolutionModel, advance: Progress) -> Table:
         "Cost of 1 million pixels",
         ("CPU time, s", "elapsed time, s", "memory, MB"),
         rows,
-        (),
-        {},
         "Memory is the peak above that before. The paper prints no cost of super-resolution.",
     )

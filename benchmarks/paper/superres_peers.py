@@ -13,6 +13,7 @@ import simulator
 from benchmarks.paper import figures as paper
 from benchmarks.paper.peers import ours, pu_net, rdn
 from benchmarks.paper.peers.onnx_weights import read_weights
+from benchmarks.paper.peers.pu_net_training import DRIFT_PX
 from benchmarks.paper.superres_maps import Judged, middle
 from benchmarks.paper.tables import Number, Table
 from benchmarks.paper.trained import description, loss_panel, training_note
@@ -98,9 +99,9 @@ def compare_systems(maps: Sequence[Judged], advance: Progress) -> tuple[list[Tab
                 f"All systems at scale 4: {title}",
                 tuple(systems),
                 rows,
+                note if key == "deg" else "As above.",
                 columns,
                 paper.SUPERRES if columns else {},
-                note if key == "deg" else "As above.",
             )
         )
     return tables, panels
@@ -109,8 +110,6 @@ def compare_systems(maps: Sequence[Judged], advance: Progress) -> tuple[list[Tab
 # Held-out surfaces, for the distances of points.
 _SEEDS, _HELD_OUT_PX = range(1000, 1012), 160
 _RIM_PX = 8
-# Standard deviation of the Gaussian whose mean is what is known of the height of a neighbourhood.
-_LOCAL_PX = 18.0
 
 
 def distances(advance: Progress) -> Table:
@@ -125,9 +124,12 @@ def distances(advance: Progress) -> Table:
         )
         ground = np.asarray(processing.integrate(truth, discontinuity=False).height, np.float64)
         points = pu_net.SCALE * low.points()[low.mask].astype(np.float64)
-        for name in ("given points", "after one pass", "after two passes"):
-            if name != "given points":
-                points = pu_net.enlarged(points, weights)
+        clouds = {"given points": points}
+        for name in ("one pass", "two passes"):
+            points = pu_net.enlarged(points, weights)
+            clouds[f"after {name}"] = points
+            clouds[f"given surface at the points after {name}"] = _between(low, points)
+        for name, points in clouds.items():
             found.setdefault(name, []).append(_apart(points, ground, truth))
     first = np.mean(found["given points"], axis=0)
     rows: dict[str, list[Number]] = {}
@@ -144,13 +146,20 @@ def distances(advance: Progress) -> Table:
         "PU-Net: distance of its points to the true surface",
         ("px", "change, %", "without slow drift, px", "change, %"),
         rows,
-        (),
-        {},
         f"Mean over random surfaces {_SEEDS[0]} to {_SEEDS[-1]}, which no network was trained on, "
         "along the normals. The given points are those of the integrated map at a quarter of the "
-        "resolution. Without slow drift: less the mean of the neighbourhood, which a patch does "
-        "not determine.",
+        "resolution, the given surface is linear between them. Without slow drift: less the mean "
+        "of the neighbourhood, which a patch does not determine.",
     )
+
+
+def _between(low: processing.HeightMap, points: Float64) -> Float64:
+    """Return points of a given surface at the places of others."""
+    scale, heights = pu_net.SCALE, np.asarray(low.height, np.float64)
+    middle = [(length - 1) / 2 for length in heights.shape]
+    at = [middle[0] - points[:, 1] / scale, points[:, 0] / scale + middle[1]]
+    z = scale * map_coordinates(heights, at, order=1, mode="nearest")
+    return np.column_stack([points[:, :2], z])
 
 
 def _apart(points: Float64, ground: Float64, truth: processing.NormalMap) -> list[float]:
@@ -159,15 +168,13 @@ def _apart(points: Float64, ground: Float64, truth: processing.NormalMap) -> lis
     at = [(side - 1) / 2 - points[:, 1], points[:, 0] + (side - 1) / 2]
     inside = np.all([(axis > _RIM_PX) & (axis < side - 1 - _RIM_PX) for axis in at], axis=0)
     at = [axis[inside] for axis in at]
-    height, facing = (
-        map_coordinates(values, at, order=1) for values in (ground, truth.normals[..., 2])
-    )
+    height, facing = (map_coordinates(values, at) for values in (ground, truth.normals[..., 2]))
     error = points[inside, 2] - height
     error -= np.median(error)
     total, count = np.zeros((2, side, side))
     cell = tuple(np.round(axis).astype(int) for axis in at)
     np.add.at(total, cell, error)
     np.add.at(count, cell, 1)
-    total, count = (gaussian_filter(values, _LOCAL_PX) for values in (total, count))
+    total, count = (gaussian_filter(values, DRIFT_PX) for values in (total, count))
     drift = map_coordinates(total / np.maximum(count, 1e-9), at, order=1)
     return [float(np.abs(each * facing).mean()) for each in (error, error - drift)]

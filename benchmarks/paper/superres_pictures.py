@@ -59,8 +59,6 @@ def add_head(
             "Head of Max Planck, projected at low resolution and enlarged",
             ("error, deg", "SSIM", "error of heights, px"),
             rows,
-            (),
-            {},
             f"A mesh in {points.size[1]} x {points.size[0]} pixels, enlarged to {high.size[1]} x "
             f"{high.size[0]}, and its projection at that resolution as the reference. Means: each "
             "pixel is the mean of its area, as a camera records it, and as the networks learned. "

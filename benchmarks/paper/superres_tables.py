@@ -62,7 +62,7 @@ def errors(own: processing.SuperResolutionModel, found: Found, random: Random) -
         *("heights: bicubic, px", "network, px", "change, %"),
     )
     title = f"Scale {own.scale}: errors"
-    return Table(f"errors_x{own.scale}", title, columns, rows, (), {}, note)
+    return Table(f"errors_x{own.scale}", title, columns, rows, note)
 
 
 def domains(scale: int, found: Found, compared: Networks) -> Table:
@@ -96,9 +96,9 @@ def domains(scale: int, found: Found, compared: Networks) -> Table:
         f"Scale {scale}: networks on details and on plain normals",
         tuple(columns),
         rows,
+        note,
         paper.SUPERRES_COLUMNS if scale == 4 else (),
         paper.SUPERRES if scale == 4 else {},
-        note,
     )
 
 
@@ -115,7 +115,7 @@ def deviations(scale: int, found: Found, random: Random) -> Table:
     )
     columns = (*(f"tenth {number}" for number in range(1, 11)), "invented")
     title = f"Scale {scale}: actual over predicted deviation"
-    return Table(f"deviations_x{scale}", title, columns, rows, (), {}, note)
+    return Table(f"deviations_x{scale}", title, columns, rows, note)
 
 
 def _named(seeds: range) -> str:

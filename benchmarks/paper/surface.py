@@ -10,14 +10,13 @@ import numpy as np
 
 import acquisition
 import processing
-import rig
 from benchmarks.paper.comparison import Comparison
 from benchmarks.paper.peers import ours, xie2014
 from benchmarks.paper.peers.protocol import costs
 from benchmarks.paper.sources import DILIGENT, Sources
 from benchmarks.paper.tables import Number, Table
 from rig import Progress
-from rig.arrays import Bool, Float64
+from rig.arrays import Bool, Float64, Floating
 
 # Height z and slopes dz/dx, dz/dy over -1..1.
 Form = Callable[[Float64, Float64], tuple[Float64, Float64, Float64]]
@@ -48,8 +47,7 @@ def run_surface(*, quick: bool, advance: Progress) -> Comparison:
     comparison.tables.append(_closed_forms(advance))
     sources = Sources.found()
     if sources.data is None:
-        text = "SGP_DATA is not set: the objects of DiLiGenT are left out"
-        comparison.left_out.append(rig.Notice("bench-without-data", text))
+        comparison.without_data("the objects of DiLiGenT are left out")
         return comparison
     folder = sources.data / "normals" / "diligent"
     comparison.tables.append(_captured(folder, quick, advance))
@@ -189,7 +187,7 @@ def _error_mm(estimate: Float64, depth: Float64, mask: Bool) -> float:
     return float(np.abs(depth - scale * estimate)[mask].mean())
 
 
-def _facing(normals: rig.arrays.Floating, rays: Float64) -> Float64:
+def _facing(normals: Floating, rays: Float64) -> Float64:
     return np.asarray(-np.einsum("rck,rck->rc", normals, rays))
 
 
@@ -226,8 +224,6 @@ def _closed_forms(advance: Progress) -> Table:
         "Closed forms: mean error of heights, in millionths of their range",
         ("this program", "Xie, along the line of sight", "Xie, to nearest points"),
         rows,
-        (),
-        {},
         f"{_SIDE_PX} x {_SIDE_PX} pixels with exact normals. The paper prints no error of surfaces "
         "from normals.",
     )
@@ -258,8 +254,6 @@ def _captured(folder: Path, quick: bool, advance: Progress) -> Table:
         ("this program", "smooth", "Xie, along the line of sight", "Xie, to nearest points",
          "this program, CPU s", "MB", "Xie, along the line of sight, CPU s", "MB of it"),
         rows,
-        (),
-        {},
         "Over every pixel of the mask, after scaling by the median. The normals are not those of a "
         "single surface where one part hides another (goblet): only surfaces with jumps can follow "
         "them. Memory is the peak above the inputs, in a process of its own. The paper states "

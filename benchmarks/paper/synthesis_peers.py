@@ -75,9 +75,9 @@ def compare_systems(sources: Sources, advance: Progress) -> tuple[Table, list[Pa
         "Synthesis by all systems",
         _COLUMNS,
         rows,
+        note,
         ("SSIM of the detail", "time, s", "memory, MB"),
         paper.SYNTHESIS_SYSTEMS,
-        note,
     )
     return table, panels
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 Number = float | None
 
@@ -20,19 +20,19 @@ class Table:
         Title; the row names contain the units.
     columns, rows
         Measured figures: rows with one figure per column; None for a missing figure.
-    paper_columns, paper_rows
-        Figures that the paper prints; may be empty.
     note
-        Differences between the two that a reader must know.
+        What a reader must know, for example how the paper's figures differ.
+    paper_columns, paper_rows
+        Figures that the paper prints, if it does.
     """
 
     key: str
     title: str
     columns: tuple[str, ...]
     rows: Mapping[str, Sequence[Number]]
-    paper_columns: tuple[str, ...]
-    paper_rows: Mapping[str, Sequence[Number]]
     note: str
+    paper_columns: tuple[str, ...] = ()
+    paper_rows: Mapping[str, Sequence[Number]] = field(default_factory=dict)
 
 
 def flattened(table: Mapping[str, Mapping[str, Sequence[Number]]]) -> dict[str, Sequence[Number]]:

@@ -64,9 +64,9 @@ def by_resolution(
         f"Transfer by resolution ({name}; mean of {runs} run{'s' * (runs > 1)})",
         tuple(columns),
         flattened(figures.main),
+        f"The paper transfers Circular to Bunny; its Circular is not available. {_MESHES}",
         tuple(f"#{count}" for count in paper.POINTS),
         flattened(paper.RESOLUTION),
-        f"The paper transfers Circular to Bunny; its Circular is not available. {_MESHES}",
     )
     return [table, figures.spread_of(table), _headline(figures, points)], panels
 
@@ -103,12 +103,12 @@ def _headline(figures: _Figures, points: Sequence[int]) -> Table:
         f"Headline: normals at {many} points over LAPL at {few}",
         ("memory ratio", "time ratio", "time ratio, least", "time ratio, most"),
         rows,
-        ("memory ratio", "time ratio"),
-        {"normals": (paper.HEADLINE_MEMORY, paper.HEADLINE_TIME)},
         "The paper claims 30 times the points at 6.5 % of the memory and 14.0 % of the time: "
         "53.50 / 827.52 MB and 2.93 / 20.93 s of its table. The peer here needs far less than "
         "the paper's LAPL, so the claim does not apply to it: for equal numbers of points see the "
         "table above. Least and most compare the fastest run of one with the slowest of the other.",
+        ("memory ratio", "time ratio"),
+        {"normals": (paper.HEADLINE_MEMORY, paper.HEADLINE_TIME)},
     )
 
 
@@ -139,9 +139,9 @@ def onto_diligent(
             f"run{'s' * (runs > 1)})",
             tuple(targets),
             flattened(figures.main),
+            f"The paper's source is Flower, which is not available. {_MESHES}",
             paper.DILIGENT_TARGETS,
             flattened(paper.DILIGENT),
-            f"The paper's source is Flower, which is not available. {_MESHES}",
         )
         tables += [table, figures.spread_of(table)]
     return [*tables, _variants(sources, targets, advance)], panels
@@ -182,6 +182,9 @@ def _variants(
         "Transfer onto DiLiGenT targets, variants of this program",
         (*targets, "mean"),
         rows,
+        "The paper's detail row is the error of detail added to the raw target, that is, the "
+        "detail of the target: compare it with the raw-target rows. Errors are measured with the "
+        "filter of each variant.",
         (*paper.DILIGENT_TARGETS, "mean"),
         {
             f"Flower: {part}": [
@@ -190,9 +193,6 @@ def _variants(
             ]
             for part in ("shape error, deg", "detail error, deg")
         },
-        "The paper's detail row is the error of detail added to the raw target, that is, the "
-        "detail of the target: compare it with the raw-target rows. Errors are measured with the "
-        "filter of each variant.",
     )
 
 
@@ -242,9 +242,9 @@ class _Figures:
             f"Spread of the costs: {table.title[0].lower()}{table.title[1:]}",
             table.columns,
             flattened(self.spread),
+            _COST,
             ("all",),
             {"no spread is printed": (None,)},
-            _COST,
         )
 
 

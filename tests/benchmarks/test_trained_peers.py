@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.ndimage import binary_erosion
+from scipy.ndimage import binary_erosion, spline_filter
 from scipy.spatial.transform import Rotation
 
 import acquisition
 import processing
 from benchmarks.paper import train as command
-from benchmarks.paper.peers import checkpoints, dgts, pu_net
-from benchmarks.paper.peers.layers import NumpyLayers, first_weights
+from benchmarks.paper.peers import checkpoints, dgts, pu_net, pu_net_training
+from benchmarks.paper.peers.layers import NumpyLayers, TorchLayers, first_weights
 from benchmarks.paper.peers.onnx_weights import read_weights
 from benchmarks.paper.peers.protocol import NAMES, Peer, costs, peer
 from sgp.cli.exit import UsageError
@@ -85,7 +85,7 @@ def test_networks_have_the_sizes_that_the_pages_state():
     def count(shapes):
         return sum(outputs * (inputs + 1) for outputs, inputs in shapes.values())
 
-    assert count(pu_net.weight_shapes()) == 205_683
+    assert count(pu_net.weight_shapes()) == 207_043
     assert 190_000 < sum(
         count(dgts.weight_shapes(kind, level, outputs))
         for level in range(dgts.LEVELS)
@@ -140,6 +140,36 @@ def test_the_frame_of_a_patch_follows_shift_and_scale():
     made = pu_net.enlarged(points, weights)
     moved = pu_net.enlarged(3 * points + np.array([10, -4, 2]), weights)
     np.testing.assert_allclose(moved, 3 * made + np.array([10, -4, 2]), atol=1e-3)
+
+
+def test_a_patch_is_level_and_its_frame_gives_its_points_back():
+    random = np.random.default_rng(7)
+    points = random.uniform(-9, 9, (300, 3)) * [1, 1, 0]
+    points = 5 + Rotation.from_euler("xyz", [30, -40, 20], degrees=True).apply(points)
+    patch, middle, axes = pu_net.normalised(points)
+    np.testing.assert_allclose(patch[:, 2], 0, atol=1e-6)
+    assert np.linalg.norm(patch, axis=1).max() == pytest.approx(1)
+    np.testing.assert_allclose(patch @ axes + middle, points, atol=1e-5)
+    assert np.linalg.det(axes) > 0
+
+
+def test_feet_lie_on_the_surface_with_its_normals():
+    y, x = np.mgrid[:120.0, :120.0]
+    heights = (3 * np.sin(x / 7) + y / 4).astype(np.float32)
+    surface = pu_net_training.Heights(
+        heights, heights[::2, ::2], heights[::4, ::4], spline_filter(heights, output=np.float32)
+    )
+    patch = pu_net_training.patch_of(surface, np.random.default_rng(0))
+    feet, normals = patch.feet(patch.given)
+    x, y, z = (feet @ patch.axes + patch.middle).T
+    inside = np.all([(x > 6), (x < 113), (y > 6), (y < 113)], axis=0)
+    assert inside.sum() > 50
+    np.testing.assert_allclose(z[inside], (3 * np.sin(x / 7) + y / 4)[inside], atol=1e-3)
+    # Normals of the surface, turned into the ball: across both directions within it.
+    slope = np.stack([np.ones_like(x), 0 * x, 3 / 7 * np.cos(x / 7)], axis=-1)
+    for along in (slope, np.broadcast_to([0, 1, 0.25], slope.shape)):
+        across = ((along @ np.linalg.inv(patch.axes)) * normals).sum(axis=1)
+        np.testing.assert_allclose(across[inside], 0, atol=1e-3)
 
 
 # DGTS
@@ -241,6 +271,7 @@ def test_bad_options_of_training_are_refused(tmp_path, capsys, words, message):
 def test_a_loss_converges_when_its_last_fifths_agree():
     assert not checkpoints.converged(np.linspace(2, 1, 100).tolist())
     assert checkpoints.converged([*np.linspace(2, 1, 60), *[1.0] * 40])
+    assert not checkpoints.converged(np.linspace(1, 2, 100).tolist())
     assert not checkpoints.converged([1.0, 1.0])
 
 
@@ -281,6 +312,42 @@ def test_an_assignment_uses_every_target_once():
     target = random.normal(size=(256, 3)).astype(np.float32)
     order = random.permutation(256)
     assert (assigned(target[order], target, random) == order).all()
+
+
+@learned
+def test_torch_trains_what_numpy_runs():
+    """Also where the largest of several values are equal: at rims, and in small neighbourhoods."""
+    import torch
+
+    mesh = dgts.Mesh(4, 4)
+    place = dgts.plane(4, 4).reshape(-1, 3)
+    place += np.random.default_rng(3).normal(scale=0.1, size=place.shape).astype(np.float32)
+    features = dgts.features_of(place, mesh, np.stack)
+    cloud = pu_net.Patches.of(flat_patch()[None])
+    made = []
+    for kind, turned in ((NumpyLayers, np.asarray), (TorchLayers, torch.as_tensor)):
+        faces, points = (
+            kind({name: turned(one) for name, one in weights.items()})
+            for weights in (generators(), pu_weights())
+        )
+        deltas = dgts.face_network(
+            faces, "generator0", 0, 3, turned(features), turned(mesh.neighbours)
+        )
+        arrays = {name: turned(one) for name, one in cloud.arrays.items()}
+        made.append([deltas, *pu_net.pu_net(points, turned(cloud.points), arrays)])
+    for one, other in zip(*made, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-5)
+
+
+@learned
+def test_the_first_level_of_dgts_learns_to_reconstruct(tmp_path, monkeypatch):
+    from benchmarks.paper.peers import dgts_training
+
+    monkeypatch.setattr(dgts, "LEVELS", 1)
+    monkeypatch.setattr(dgts, "CELLS", 4)
+    dgts_training.train(tmp_path / "a.onnx", lambda *_: None, exemplar="textile", steps=200)
+    (losses,) = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))["losses"]
+    assert losses[-1] < 0.2 * losses[0]
 
 
 @learned

@@ -129,13 +129,13 @@ _FLAT = 0.02
 
 
 def converged(losses: Sequence[float]) -> bool:
-    """Return whether a loss has become flat: its last two fifths differ by at most 2 %."""
+    """Return whether a loss neither falls nor rises: its last two fifths differ by at most 2 %."""
     values: Float64 = np.asarray(losses, np.float64)
     fifth = len(values) // 5
     if not fifth:
         return False
     before, last = values[-2 * fifth : -fifth].mean(), values[-fifth:].mean()
-    return bool(before - last <= _FLAT * abs(before))
+    return bool(abs(before - last) <= _FLAT * abs(before))
 
 
 def thinned(losses: Sequence[float], parts: int = 100) -> list[float]:

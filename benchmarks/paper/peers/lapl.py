@@ -50,28 +50,15 @@ class LaplacianEditing:
 
     Parameters
     ----------
-    target
-        ``(V, 3)`` float32 vertices.
-    mesh
-        Faces of the target and of every source: vertices with the same index correspond.
-    region
-        ``(V,)`` bool: the vertices that receive the source's detail; the other vertices do not move
-        and fix the rim of the region. Default: all.
-    w
-        Half width of the paper's Gaussian, which smooths the bases.
+    task
+        The target. Vertices outside its region fix the rim of the region.
     factorise
         Direct solver to use instead of multigrid. Multigrid is faster unless the factors are
         reused many times. A region is always solved directly, by default with `superlu`.
     """
 
-    def __init__(
-        self,
-        target: Float32,
-        mesh: GridMesh,
-        region: Bool | None = None,
-        w: int = 5,
-        factorise: Factorise | None = None,
-    ) -> None:
+    def __init__(self, task: MeshTask, factorise: Factorise | None = None) -> None:
+        target, mesh, region, w = task.target, task.mesh, task.region, task.w
         self._mesh, self._w = mesh, w
         self._base = mesh.base(target, w)
         self._normals = mesh.normals(self._base)
@@ -162,7 +149,7 @@ def turned(vectors: Float64, starts: Float32, ends: Float32) -> Float64:
 
 def fit(task: MeshTask, factorise: Factorise | None = None) -> Callable[[Float32], Float32]:
     """Prepare a target; return the transfer of a source's vertices."""
-    return LaplacianEditing(task.target, task.mesh, task.region, task.w, factorise).put
+    return LaplacianEditing(task, factorise).put
 
 
 PEER = Peer("LAPL", "Sorkine et al., SGP 2004", fit)

@@ -5,9 +5,10 @@ L. Yu, X. Li, C.-W. Fu, D. Cohen-Or and P.-A. Heng, "PU-Net: Point Cloud Upsampl
 abstraction, with farthest points as centres), interpolated at all points, expanded by four
 branches and turned into coordinates.
 
-Here all widths are half of the published ones: 206,000 instead of 814,000 weights, and a patch has
-256 points instead of 1,024, with radii that are twice as large, so that a neighbourhood has as many
-points. The coordinates are added to those of the point, as in later networks for this task, while
+Here most widths are half of the published ones: 207,000 instead of 814,000 weights, and a patch has
+256 points instead of 1,024, with radii that are twice as large or more, so that a neighbourhood has
+as many points, and in a grid more than its centre. Patches are turned so that their mean plane is
+level. The coordinates are added to those of the point, as in later networks for this task, while
 the original predicts them alone. Patches overlap; the four points of each given point are those of
 the patch in which it is nearest to the middle.
 """
@@ -36,8 +37,8 @@ WEIGHTS = Path(__file__).with_name("weights") / "pu-net.onnx"
 # Of each set abstraction: share of the points that are centres, radius in units of the radius of
 # the patch, most neighbours, and widths of its three maps.
 _LEVELS = (
-    (1, 0.1, 8, (16, 16, 32)),
-    (2, 0.2, 16, (32, 32, 64)),
+    (1, 0.25, 16, (32, 32, 32)),
+    (2, 0.3, 16, (32, 32, 64)),
     (4, 0.4, 32, (64, 64, 128)),
     (8, 0.6, 32, (128, 128, 256)),
 )
@@ -125,11 +126,30 @@ def weight_shapes() -> dict[str, tuple[int, int]]:
     return noted.noted
 
 
-def normalised(points: Float64) -> tuple[Float32, Float64, float]:
-    """Return points in a ball of radius 1 around 0, with the middle and the radius."""
+def normalised(points: Float64) -> tuple[Float32, Float64, Float64]:
+    """Return points in a ball of radius 1 around 0, their mean plane level, and their frame.
+
+    Parameters
+    ----------
+    points
+        ``(N, 3)`` points of a surface that faces the positive z axis.
+
+    Returns
+    -------
+    patch, middle, axes
+        ``(N, 3)`` points in the ball, the place of 0, and ``(3, 3)`` the axes of the ball, so that
+        ``patch @ axes + middle`` are the points.
+    """
     middle = points.mean(axis=0)
-    radius = float(np.linalg.norm(points - middle, axis=1).max())
-    return ((points - middle) / radius).astype(np.float32), middle, radius
+    away = points - middle
+    up = np.linalg.eigh(away.T @ away)[1][:, 0]
+    up *= 1 if up[2] > 0 else -1
+    # The shortest turn from the z axis to the normal of the plane.
+    between = up + np.array([0, 0, 1])
+    turn = 2 * np.outer(between, between) / (between @ between) - np.eye(3)
+    turn *= np.array([-1, -1, 1])[:, None]
+    axes = turn * np.linalg.norm(away, axis=1).max()
+    return (away @ np.linalg.inv(axes)).astype(np.float32), middle, axes
 
 
 def enlarged(points: Float64, weights: Weights) -> Float64:
@@ -152,12 +172,12 @@ def enlarged(points: Float64, weights: Weights) -> Float64:
         if rank[seed] < _OWN * count:
             continue
         members = np.asarray(tree.query(points[seed], count)[1])
-        patch, middle, radius = normalised(points[members])
+        patch, middle, axes = normalised(points[members])
         given = Patches.of(patch[None])
         made_here: list[Float32] = pu_net(layers, given.points, given.arrays)
         children = np.stack(made_here, axis=1)
         better = np.arange(count) < rank[members]
-        made[members[better]] = middle + radius * children[better].astype(np.float64)
+        made[members[better]] = children[better].astype(np.float64) @ axes + middle
         rank[members[better]] = np.arange(count)[better]
     return made.reshape(-1, 3)
 

@@ -22,7 +22,8 @@ class MeshTask:
     mesh
         Faces of the target and of every source: vertices with the same index correspond.
     region
-        ``(V,)`` bool: the vertices that receive the source's detail. Default: all.
+        ``(V,)`` bool: the vertices that receive the source's detail; the others do not move.
+        Default: all.
     w
         Half width of the paper's Gaussian, which smooths the bases.
     """
