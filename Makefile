@@ -13,7 +13,7 @@ SLOW_WORKERS ?= 4
 # The programs that tests start must not compile the modules again each time.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test quick slow lint install clean genicam-1.5
+.PHONY: demo test quick slow lint docs install clean genicam-1.5
 
 demo: $(STAMP)
 	$(BIN)/sgp demo --out demo
@@ -36,6 +36,14 @@ lint: $(STAMP)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+# The site of the documents; open docs/_build/html/index.html.
+docs: $(VENV)/docs-installed
+	$(BIN)/python -m sphinx -W --keep-going -q docs docs/_build/html
+
+$(VENV)/docs-installed: $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[docs]"
+	touch $@
+
 install: $(STAMP)
 
 $(STAMP): pyproject.toml constraints.txt
@@ -48,4 +56,4 @@ genicam-1.5: $(STAMP)
 	$(BIN)/python -m pip download --quiet --disable-pip-version-check --no-deps --dest $(VENV)/wheels genicam==1.5.0
 
 clean:
-	rm -rf $(VENV) demo .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) demo docs/_build docs/generated .mypy_cache .ruff_cache .pytest_cache .hypothesis

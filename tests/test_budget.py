@@ -22,7 +22,7 @@ BUDGET = {
     "simulator": (7323, 28, 65),
     "sgp": (14358, 0, 143),
 }
-WORDS_OF_DOCUMENTS = 79632
+WORDS_OF_DOCUMENTS = 66889
 # Numbers of calibration/spheres that were chosen, not derived.
 TUNED_CONSTANTS = 263
 STRATA_OF_SGP = 7

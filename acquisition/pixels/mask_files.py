@@ -23,8 +23,8 @@ def read_mask(
 
     Returns
     -------
-    npt.NDArray[np.bool_]
-        ``(H, W)``.
+    numpy.ndarray
+        ``(H, W)`` bool.
 
     Examples
     --------

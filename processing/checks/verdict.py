@@ -27,8 +27,12 @@ class Cause:
         Its name, which is also the code of its notice: ``ambient-light``.
     text
         What is wrong, with its size: "room light reaches 15 +- 0.6 % of the albedo".
-    size, unit, sigma
-        How much, in which unit, and the standard deviation; NaN if the cause has no size.
+    size
+        How much, in `unit`; NaN if the cause has no size.
+    unit
+        Unit of the size.
+    sigma
+        Standard deviation of the size, in `unit`; NaN if it is not known.
     normals_deg
         How much it changes the normals: root mean square over the object, in degrees. NaN if it
         is not known; 90 if it leaves none, as a pixel without a normal counts elsewhere.

@@ -109,9 +109,9 @@ class Curvature:
     gradient
         ``(H, W, 2)`` float32 slopes dz/dx and dz/dy, without a unit.
     mean
-        ``(H, W)`` float32 mean curvature, (k1 + k2) / 2, in 1 / `unit`.
+        ``(H, W)`` float32 mean curvature, (k1 + k2) / 2, in 1 / ``unit``.
     gaussian
-        ``(H, W)`` float32 Gaussian curvature, k1 k2, in 1 / `unit`^2.
+        ``(H, W)`` float32 Gaussian curvature, k1 k2, in 1 / ``unit^2``.
     direction_deg
         ``(H, W)`` float32 direction of the largest curvature k1 in the image, counter-clockwise
         from X, 0 to 180. Where both curvatures are equal it is arbitrary.

@@ -21,7 +21,7 @@ class Notice:
     Parameters
     ----------
     code
-        Stable name in kebab case, for example ``lights-unlit``; ``docs/notices.md`` lists all.
+        Stable name in kebab case, for example ``lights-unlit``; the site lists all.
     text
         One line for people, without the place.
     where

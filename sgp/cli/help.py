@@ -45,11 +45,11 @@ class HelpPage:
     """
 
     def __init__(self, optional: str = "") -> None:
-        self._optional = optional
+        self.optional = optional
 
     def render_usage(self, console: Any, options: object, usage: Any) -> None:
         """Print the usage line."""
-        named = re.sub(r"\[ARGS(\.\.\.)?\]", self._optional, str(usage)).strip()
+        named = re.sub(r"\[ARGS(\.\.\.)?\]", self.optional, str(usage)).strip()
         console.print(_wrapped(f"Usage: {named}", console.width, indent=7))
         console.print()
 
@@ -79,7 +79,7 @@ def _rank(entry: HelpEntry) -> int:
 
 def _entry_lines(entry: HelpEntry, width: int) -> Iterator[str]:
     names = "  " + (entry.positional_label or ", ".join(entry.display_labels_with_metavar))
-    text = _wrapped(_entry_text(entry), width, first=_TEXT_COLUMN, indent=_TEXT_COLUMN)
+    text = _wrapped(entry_text(entry), width, first=_TEXT_COLUMN, indent=_TEXT_COLUMN)
     if len(names) + 2 <= _TEXT_COLUMN:
         yield names + text[len(names) :]
     else:
@@ -87,7 +87,8 @@ def _entry_lines(entry: HelpEntry, width: int) -> Iterator[str]:
         yield text
 
 
-def _entry_text(entry: HelpEntry) -> str:
+def entry_text(entry: HelpEntry) -> str:
+    """Return what a help page says of a parameter: meaning, choices, default."""
     text = getattr(entry.description, "primary_renderable", entry.description)
     parts = [" ".join(str(text or "").split())]
     if entry.choices:

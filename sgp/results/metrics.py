@@ -1,7 +1,7 @@
 """The figures of each command: the `metrics` of its result and of its record.
 
-Every figure has a type, a unit and a meaning; docs/result-format.md lists them. A figure that is
-not required is only there in the cases that its meaning names. A figure that may be None may also
+Every figure has a type, a unit and a meaning, from which the site lists them. A figure that is not
+required is only there in the cases that its meaning names. A figure that may be None may also
 be NaN, and is null in files.
 """
 
@@ -21,7 +21,7 @@ from sgp.results.stage_metrics import (
     SurfaceMetrics,
 )
 
-# Of the record that a command leaves in its output folder: docs/result-format.md.
+# Of the record that a command leaves in its output folder.
 RECORD_FORMAT: Final = "sgp-result"
 RECORD_VERSION: Final = 1
 

@@ -1,4 +1,4 @@
-"""The record that a command leaves in its output folder: docs/result-format.md."""
+"""The record that a command leaves in its output folder."""
 
 from __future__ import annotations
 
@@ -74,38 +74,53 @@ class ResultRecord(_Table):
 
     Parameters
     ----------
-    format, version
-        ``sgp-result`` and 1.
+    format
+        ``sgp-result``; a reader refuses other values.
+    version
+        1; a reader refuses other values.
     command
-        The command, such as ``sgp normals``.
+        The command that ran, such as ``sgp normals``.
     software
-        Name and version of the program.
+        Name and version of the program that ran it.
     parameters
-        The arguments of the command by name, defaults included.
+        The arguments of the command by name, defaults included, and what it chose itself:
+        ``transfer``, the transfer curve of the images; ``albedo_png``, with ``white``, the albedo
+        of a sample of 255 (other samples follow the sRGB curve); ``height_png``, with ``base``,
+        ``step`` and ``unit``: the height is ``base + step * sample``, and a sample of 0 has none.
     defaults
-        Names of the parameters that have their default values.
+        Names of the parameters that have their default values; absent if every one was given.
     inputs
         SHA-256 of every file that was read, by its path.
     recordings
         What the recordings were of that the result was computed from, without those of its
-        calibrations. Records of earlier programs have none.
+        calibrations: ``object``, ``operator``, ``place``, ``notes``, ``rights``, ``started_utc``
+        (texts, empty if not known) and ``simulated``. They come from ``session.toml`` or
+        ``recording.json``, or from the record of the result that an input belongs to. Absent
+        without a recording, and in records of earlier programs.
     outputs
         File names of the results, relative to the record.
     metrics
-        Figures by name; None where a figure is not defined. docs/result-format.md lists the figures
-        of each command.
+        Figures by name; None where a figure is not defined. The types of `sgp.results.metrics`
+        describe those of each command.
     warnings
-        The lines of `notices`, as they were printed.
+        What the command reported, one line each: ``where: text``, or ``text`` if ``where`` is
+        empty.
     notices
-        What the command reported besides the figures.
+        The same with ``code``, ``text``, ``where`` (file, frame, LED or sphere) and ``severity``
+        (``info``, ``warning``, ``error``).
     files
-        Size and SHA-256 of each output by its file name, except pages, which may be made again;
-        earlier programs did not write them. That of a complete run has the records of its stages.
-    verdict, causes, tested
-        Whether the result can be used, what is probably wrong with the recording, and what was
-        tested; None and empty for commands without a verdict.
+        ``bytes`` and ``sha256`` of each output by its file name, except pages (``.html``), which
+        `sgp report` writes again; in ``summary.json`` also of the records of the stages. Missing
+        in records of earlier programs.
+    verdict
+        ``good``, ``check`` or ``do-not-use``, from a command that judges its result.
+    causes
+        What is probably wrong with the recording, the most harmful first, also what does not harm.
+    tested
+        What was tested.
     record_sha256
-        SHA-256 of the other keys, which `sgp verify` compares.
+        SHA-256 of all other keys, written as JSON in ASCII with sorted keys and the separators
+        ``, `` and ``: ``; `sgp verify` compares it.
     """
 
     format: Literal["sgp-result"] = RECORD_FORMAT

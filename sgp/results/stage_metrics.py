@@ -22,7 +22,7 @@ class QualityMetrics(TypedDict, total=False):
         share of the samples that are neither saturated nor in shadow
     curl : 0..1
         disagreement of the mixed derivatives of the normals: 0 for a surface, 1 for a mirrored one,
-        .7 for noise
+        0.7 for noise
     image_residuals : 1
         median deviation of each image from the lights, relative to the signal
     light_errors_deg : deg
@@ -113,8 +113,8 @@ class NormalsMetrics(QualityMetrics):
     noise_from
         where the law of the noise is from, on which the standard deviations rest
     neighbour_correlation : -1..1
-        correlation between the residuals of each light and of the one nearest to it: about -.1 for
-        noise; above .1 the surface is not matte; null with fewer than 8 lights
+        correlation between the residuals of each light and of the one nearest to it: about -0.1 for
+        noise; above 0.1 the surface is not matte; null with fewer than 8 lights
     samples
         what the samples inside the mask show
     mae_deg : deg
@@ -231,7 +231,7 @@ class SurfaceMetrics(MeshMetrics):
         median angle between the given normals and the normals of the surface
     curl : 0..1
         disagreement of the mixed derivatives of the normals: 0 for a surface, 1 for a mirrored one,
-        .7 for noise
+        0.7 for noise
     normal_residual_deg : deg
         mean angle between the given normals and those of the surface
     curl_deg : deg

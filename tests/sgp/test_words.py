@@ -20,6 +20,7 @@ FOLDERS = (
     "simulator",
     "sgp",
     "benchmarks",
+    "docs",
     "tests",
 )
 # They quote avoided words, and source code of the firmware.
