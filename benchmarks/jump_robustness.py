@@ -29,7 +29,15 @@ from occlusion_scenes import KINDS, scene
 
 import processing
 
-MODULES = ("jump_evidence", "jump_resampling", "placement", "piece_heights", "alternation", "jump_kernels", "jumps")
+MODULES = (
+    "jump_evidence",
+    "jump_resampling",
+    "placement",
+    "piece_heights",
+    "alternation",
+    "jump_kernels",
+    "jumps",
+)
 PACKAGES = ("rig", "acquisition", "calibration", "processing")
 ROOT = Path(processing.__file__).parents[1]
 # Names, units and samples: to move them means nothing, or does not change the surface.
