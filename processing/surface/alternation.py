@@ -210,7 +210,7 @@ class Alternation:
     def improves(self, u: Float64, smooth: Float64, evidence: JumpEvidence) -> bool:
         """Return whether a surface contradicts the edges less than a smooth one, beyond noise."""
         residuals = np.zeros_like(self.edges[0]), np.zeros_like(self.edges[1])
-        sums = []
+        sums: list[float] = []
         width2 = 0.0
         for surface in (u, smooth):
             self._residuals(surface, residuals)

@@ -48,7 +48,7 @@ def median_surface(surfaces: Sequence[Float64], parts: Int32, known: Bool) -> Fl
     found = np.array(surfaces)
     numbers = np.arange(len(known))
     inside = parts >= 0
-    middle = found[0]
+    middle: Float64 = found[0]
     for _ in range(_ALIGNMENTS):
         for surface in found:
             moves = ndimage.median(middle - surface, parts, numbers)

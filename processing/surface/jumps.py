@@ -246,10 +246,10 @@ class JumpProblem:
         rim; elsewhere they are misleading. Of two searches, with and without them, the one with the
         less contradicted surface decides whether they count in the others.
         """
-        even = evenness(self.normals, self.mask, self.alternation.edges[:2])
-        searches = [(self.once(each), each) for each in (None, even)]
-        iterations = sum(spent for (_, spent), _ in searches)
-        (best, _), even = min(searches, key=lambda search: self.contradiction(search[0][0].u))
+        starts = None, evenness(self.normals, self.mask, self.alternation.edges[:2])
+        searches = [(*self.once(even), even) for even in starts]
+        iterations = sum(spent for _, spent, _ in searches)
+        best, _, even = min(searches, key=lambda search: self.contradiction(search[0].u))
         rng = np.random.default_rng(0)
         surfaces = [best.u]
         for _ in range(_SEARCHES):
