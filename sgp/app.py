@@ -316,20 +316,27 @@ def _fail(error: BaseException, code: int, text: str, *, as_json: bool, debug: b
 
 def main() -> None:
     """Entry point of ``sgp``."""
-    raise SystemExit(_run_in_process(build(sys.argv[1:])))
+    tokens = words_of_help(sys.argv[1:])
+    raise SystemExit(_run_in_process(build(tokens), tokens))
 
 
 def capture() -> None:
     """Entry point of ``capture``, the same as ``sgp capture``."""
-    command, *_ = [*_words(sys.argv[1:]), None]
-    raise SystemExit(_run_in_process(_group("capture", command)))
+    tokens = words_of_help(sys.argv[1:])
+    command, *_ = [*_words(tokens), None]
+    raise SystemExit(_run_in_process(_group("capture", command), tokens))
 
 
-def _run_in_process(app: App) -> int:
+def words_of_help(tokens: list[str]) -> list[str]:
+    """Return a command line in which ``help run`` is ``run --help``."""
+    return [*tokens[1:], "--help"] if tokens[:1] == ["help"] else tokens
+
+
+def _run_in_process(app: App, tokens: list[str]) -> int:
     """Run the command line of this process, which reports kernels that are compiled."""
     # An overwritten package is then reported as such.
     from rig.kernels import watch_kernels
     from sgp.cli.console import Compiling
 
     watch_kernels(Compiling())
-    return run(app, sys.argv[1:])
+    return run(app, tokens)

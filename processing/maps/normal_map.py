@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numba
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +21,8 @@ from rig.kernels import PART
 _UNIT_TOLERANCE = 1e-3
 # The squares of shorter vectors lose their digits in float64, so the direction is lost, too.
 _MIN_LENGTH = 1e-140
+# Larger maps are shown smaller in notebooks.
+_PICTURE_PX = 512
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +53,21 @@ class NormalMap:
     def __repr__(self) -> str:
         count = pluralize(int(np.count_nonzero(self.mask)), "normal")
         return f"NormalMap({self.normals.dtype}{list(self.normals.shape)}, {count})"
+
+    def __array__(self, dtype: npt.DTypeLike | None = None, copy: bool | None = None) -> Generic:
+        """Return the normals, so that ``np.asarray`` and plotting programs take a map."""
+        return np.array(self.normals, dtype=dtype, copy=copy)
+
+    def _repr_png_(self) -> bytes:
+        """Return a picture for notebooks: right is red, up is green, alpha is the mask."""
+        step = max(1, -(-max(self.size) // _PICTURE_PX))
+        normals, mask = self.normals[::step, ::step], self.mask[::step, ::step]
+        colours = np.rint((normals[..., ::-1] + 1) * 127.5).astype(np.uint8)
+        alpha = np.where(mask, np.uint8(255), np.uint8(0))
+        done, data = cv2.imencode(".png", np.dstack([colours, alpha]))
+        if not done:
+            raise AssertionError("a picture of 8 bits can be encoded")
+        return data.tobytes()
 
     def __post_init__(self) -> None:
         normals = np.ascontiguousarray(self.normals, np.float32)

@@ -98,10 +98,10 @@ def read_normals(
     ----------
     path
         An image (.exr, .npy, .tif, .png, .jpg) whose red, green and blue are x, y and z, or a
-        folder with ``normals.*`` or ``normal_map.*``. Integers encode ``n / 2 + 0.5``; floats are
-        either encoded in the same way or are the vectors themselves. The reading whose vectors are
-        closer to unit length is used. So are other encodings: 127 or 128 as the code of zero,
-        a transfer curve, and maps of x and y only.
+        folder with ``normals.*`` or ``normal_map.*``, also in its folder ``normals``. Integers
+        encode ``n / 2 + 0.5``; floats are either encoded in the same way or are the vectors
+        themselves. The reading whose vectors are closer to unit length is used. So are other
+        encodings: 127 or 128 as the code of zero, a transfer curve, and maps of x and y only.
     mask_path
         An image that is brighter than half of its range inside the mask. Default: ``mask.png`` in
         the folder of the image if it exists, else the image's alpha, unless it is opaque
@@ -335,11 +335,12 @@ def _find_image(path: Path) -> Path:
         raise missing_path(path)
     if not path.is_dir():
         return path
-    for stem in _STEMS:
-        for suffix in _SUFFIXES:
-            file = path / f"{stem}{suffix}"
-            if file.is_file():
-                return file
+    names = [f"{stem}{suffix}" for stem in _STEMS for suffix in _SUFFIXES]
+    # A result has them in a folder of its own.
+    for folder in (path, path / "normals"):
+        for name in names:
+            if (folder / name).is_file():
+                return folder / name
     raise DataError(
         f"{path}: no normals in this folder: expected a file {' or '.join(_STEMS)} with one of the "
         f"suffixes {', '.join(_SUFFIXES)}"

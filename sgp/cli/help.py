@@ -12,6 +12,8 @@ from typing import Any
 from cyclopts import CoercionError, CycloptsError, MissingArgumentError, UnknownCommandError
 from cyclopts.help import HelpEntry, HelpPanel
 
+from sgp.cli.help_groups import grouped
+
 # Defaults that a help page does not show, since they only mean that nothing was given.
 _NOTHING = ("()", '""', "False")
 # Texts start in this column, or on a line of their own below a long name.
@@ -63,11 +65,12 @@ class HelpPage:
         """Print one panel: a title, then names on the left and texts on the right."""
         if not panel.entries:
             return
-        console.print(f"{panel.title}:")
-        for entry in sorted(panel.entries, key=_rank):
-            for line in _entry_lines(entry, console.width):
-                console.print(line)
-        console.print()
+        for title, entries in grouped(str(panel.title), sorted(panel.entries, key=_rank)):
+            console.print(f"{title}:")
+            for entry in entries:
+                for line in _entry_lines(entry, console.width):
+                    console.print(line)
+            console.print()
 
 
 def _rank(entry: HelpEntry) -> int:

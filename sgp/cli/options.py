@@ -43,6 +43,15 @@ def _whole(text: str) -> int:
     return int(text)
 
 
+@_converter
+def _led(text: str) -> int:
+    """Read the number of an LED, as it is in the names of frames: 7, 07 or L07."""
+    found = re.fullmatch(r"\s*[Ll]?([0-9]{1,30})\s*", text)
+    if found is None:
+        raise ValueError(f"{_short(text)} is not the number of an LED, such as 7 or L07")
+    return int(found[1])
+
+
 def _finite(text: str) -> float:
     """Read a finite number: NaN would pass every bound, and infinity is not a valid quantity."""
     try:
@@ -148,6 +157,7 @@ LightsInput = Annotated[Path, _LIGHTS]
 OptionalLights = Annotated[Path | None, _LIGHTS]
 Inputs = Annotated[tuple[Path, ...], _INPUT]
 Whole = Annotated[int, Parameter(converter=_whole)]
+LedNumber = Annotated[int, Parameter(converter=_led)]
 Real = Annotated[float, Parameter(converter=_real)]
 # Bytes, such as 3G.
 Memory = Annotated[int, Parameter(converter=_bytes)]

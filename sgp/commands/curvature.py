@@ -41,7 +41,7 @@ def curvature(
     Parameters
     ----------
     normals
-        Image of normals, or folder with normals.* and mask.png.
+        Image of normals, or folder with normals.* and mask.png, such as a result.
     out
         Folder for curvature_mean.exr, curvature_gaussian.exr, curvature_direction_deg.exr (of the
         largest curvature), gradient_x.exr and gradient_y.exr (slopes dz/dx and dz/dy),

@@ -49,7 +49,7 @@ def separate(
     Parameters
     ----------
     normals
-        Image of normals, or folder with normals.* and mask.png.
+        Image of normals, or folder with normals.* and mask.png, such as a result.
     out
         Folder for shape.exr, detail.exr, both also as 16-bit PNG, mask.png and detail.json.
     options

@@ -43,7 +43,7 @@ def fill(
     Parameters
     ----------
     normals
-        Image of normals, or folder with normals.* and mask.png.
+        Image of normals, or folder with normals.* and mask.png, such as a result.
     holes
         Mask image of the parts to fill, white where the normals are damaged or missing.
     out

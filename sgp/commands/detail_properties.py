@@ -47,7 +47,7 @@ def properties(
     Parameters
     ----------
     normals
-        Image of normals, or folder with normals.* and mask.png.
+        Image of normals, or folder with normals.* and mask.png, such as a result.
     targets
         Maps to which the detail is transferred, in this order.
     out

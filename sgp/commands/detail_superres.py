@@ -58,7 +58,7 @@ def superres(
     Parameters
     ----------
     normals
-        Image of normals, or folder with normals.* and mask.png.
+        Image of normals, or folder with normals.* and mask.png, such as a result.
     scale
         Factor of the resolution, 2 or 4.
     out

@@ -93,7 +93,7 @@ def synthesize(
     Parameters
     ----------
     exemplar
-        Image of normals, or folder with normals.* and mask.png.
+        Image of normals, or folder with normals.* and mask.png, such as a result.
     size
         Width and height of the sheet in pixels (WxH); this or --onto.
     onto

@@ -17,7 +17,7 @@ import acquisition
 import rig as rigs
 from sgp.cli.console import Stages
 from sgp.cli.exit import UsageError
-from sgp.cli.options import Microseconds, Positive, RigOption, Whole
+from sgp.cli.options import LedNumber, Microseconds, Positive, RigOption
 from sgp.results import Result, check_file
 from sgp.rigs import chosen_rig, default_rig, how_to_configure
 
@@ -152,7 +152,7 @@ def check(*, rig: RigOption = None) -> Result:
         )
 
 
-def light(led: Whole, *, rig: RigOption = None, seconds: Positive = 5.0) -> Result:
+def light(led: LedNumber, *, rig: RigOption = None, seconds: Positive = 5.0) -> Result:
     """Turn one LED on for a given time; Ctrl-C turns it off. No camera is needed.
 
     For example:
@@ -220,7 +220,7 @@ def off(*, rig: RigOption = None) -> Result:
 def snap(
     *,
     out: Path,
-    led: Whole | None = None,
+    led: LedNumber | None = None,
     exposure_us: Microseconds = 20_000.0,
     rig: RigOption = None,
     force: bool = False,

@@ -56,7 +56,7 @@ def surface(
     Parameters
     ----------
     normals
-        Image of normals, or folder with normals.* and mask.png.
+        Image of normals, or folder with normals.* and mask.png, such as a result.
     out
         Folder for height.exr, height.png, depth.exr (with a camera), normal_residual_deg.exr (angle
         between the given normals and those of the surface), curl_deg.exr and curl.png (where

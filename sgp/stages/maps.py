@@ -27,7 +27,7 @@ class MapInput:
     Parameters
     ----------
     path
-        Image of normals, or folder with normals.* and mask.png.
+        Image of normals, or folder with normals.* and mask.png, such as a result.
     green
         Direction of the green channel.
     option

@@ -1,3 +1,4 @@
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -82,3 +83,25 @@ def test_from_vectors_keeps_directions(vectors):
 def test_from_vectors_without_any_direction_is_refused():
     with pytest.raises(DataError, match="empty mask"):
         NormalMap.from_vectors(np.zeros((3, 3, 3)))
+
+
+def test_numpy_takes_a_map_as_its_array():
+    made = NormalMap.from_vectors(np.dstack([np.ones((2, 3)), np.zeros((2, 3)), np.ones((2, 3))]))
+    np.testing.assert_array_equal(np.asarray(made), made.normals)
+    assert np.asarray(made, np.float64).dtype == np.float64
+    assert not np.shares_memory(np.array(made, copy=True), made.normals)
+    assert np.shares_memory(np.asarray(made), made.normals)
+
+
+@pytest.mark.parametrize("width", [3, 2000])
+def test_notebooks_show_a_map_as_a_picture(width):
+    vectors = np.zeros((4, width, 3))
+    vectors[..., 0] = vectors[..., 2] = 1  # to the right and towards the camera
+    vectors[-1] = 0
+    data = np.frombuffer(NormalMap.from_vectors(vectors)._repr_png_(), np.uint8)
+    picture = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    assert max(picture.shape[:2]) <= 512
+    blue, green, red, alpha = picture[0, 0]
+    assert (red, green, blue, alpha) == (218, 128, 218, 255)
+    if width == 3:
+        assert picture[-1, 0, 3] == 0

@@ -385,3 +385,14 @@ def test_decoded_maps_equal_the_truth_of_the_same_objects(name):
     theirs = truth[rows + down, columns + right]
     assert len(rows) > 0.97 * np.count_nonzero(valid)
     assert angle_deg(normal_map.normals[rows, columns], theirs).max() < 0.01
+
+
+def test_a_result_contains_its_normals(tmp_path):
+    cap = _cap()
+    write_normals(tmp_path / "normals", cap)
+    read = read_normals(tmp_path)
+    assert _worst_deg(read.normal_map, cap) < 1e-5
+    assert read.files == (tmp_path / "normals/normals.exr", tmp_path / "normals/mask.png")
+    # What is in the folder itself comes first.
+    write_normals(tmp_path, _cap(32))
+    assert read_normals(tmp_path).normal_map.size == (32, 32)

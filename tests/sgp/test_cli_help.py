@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from sgp.app import build
+from sgp.app import build, words_of_help
 from tests.quick_sample import quick
 
 EXAMPLE_WIDTH = 76
@@ -55,7 +55,7 @@ def test_every_page_has_examples_that_fit_and_are_understood(page, words):
 
 def _entries(text):
     """Return the texts of commands and parameters, each in one line."""
-    panels = text[text.index("Parameters:\n") :]
+    panels = re.sub(r"(?m)^\w+:\n", "Parameters:\n", text[text.index("Parameters:\n") :])
     if "Commands:\n" in text:
         panels = text[text.index("Commands:\n") :]
     entries = re.split(r"\n  (?=\S)", panels.replace("Parameters:\n", "\n").rstrip())
@@ -112,7 +112,7 @@ def test_a_wrong_command_line_gets_one_line(sgp, words, message):
 
 def test_a_mistyped_command_imports_no_library():
     code = (
-        "import sys; from sgp.app import build, run; "
+        "import sys; from sgp.app import build, words_of_help, run; "
         "code = run(build(), ['nonsense']); sys.exit(code if 'numpy' not in sys.modules else 9)"
     )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True).returncode == 2
@@ -138,3 +138,34 @@ def test_notes_come_before_the_summary(sgp, recording, monkeypatch):
     assert any(line.startswith("note: ") for line in lines[:-1])
     assert "pixels solved" in lines[-2]
     assert lines[-1].startswith("good: ")
+
+
+def test_options_of_long_pages_are_in_groups(page):
+    text = page("run")
+    titles = re.findall(r"(?m)^(\w+):$", text)
+    assert titles == ["Parameters", "Lights", "Images", "Method", "Surface", "Mesh", "Output"]
+    # Each option that is not of the output is named in its group.
+    output = text[text.index("Output:\n") :]
+    assert re.findall(r"(?m)^  (-\S+|[A-Z]+)", output) == [
+        "--out", "--memory", "--green-out", "--strict", "--force", "--json", "--debug",
+    ]  # fmt: skip
+    assert text.index("--lights") < text.index("--rig")
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (["help"], ["--help"]),
+        (["help", "rig", "light"], ["rig", "light", "--help"]),
+        (["run", "help"], ["run", "help"]),
+        ([], []),
+    ],
+)
+def test_help_is_a_word_too(given, words):
+    assert words_of_help(given) == words
+
+
+@pytest.mark.parametrize("led", ["4", "04", "L4", "l04"])
+def test_an_led_may_be_named_as_in_files(led):
+    _, bound, _ = build(["rig", "light"]).parse_args(["rig", "light", led])
+    assert bound.arguments["led"] == 4
