@@ -158,13 +158,21 @@ def alone(work: Callable[P, Result], *args: P.args, **kwargs: P.kwargs) -> Resul
     # Freed blocks are returned to the system at once. BLAS uses one thread, because idle threads
     # would spin and cost scipy's solvers many times their work on vectors.
     # The new process starts without the working directory on its search path.
-    os.environ |= {
+    own = {
         "MALLOC_MMAP_THRESHOLD_": "65536",
         "OPENBLAS_NUM_THREADS": "1",
         "PYTHONSAFEPATH": "1",
     }
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        return pool.submit(work, *args, **kwargs).result()
+    before = os.environ.copy()
+    os.environ |= own
+    try:
+        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+            return pool.submit(work, *args, **kwargs).result()
+    finally:
+        # Later processes of the caller are not those of a benchmark.
+        for name in own:
+            os.environ.pop(name)
+        os.environ |= {name: before[name] for name in own if name in before}
 
 
 def resident_bytes(entry: str = "VmRSS") -> float:

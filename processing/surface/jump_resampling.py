@@ -33,8 +33,12 @@ def random_weights(shape: tuple[int, int], rng: np.random.Generator) -> Float32:
     return np.ascontiguousarray(large[row : row + rows, column : column + columns])
 
 
-def median_surface(surfaces: Sequence[Float64], parts: Int32, known: Bool) -> Float64:
-    """Return the median over surfaces, each moved so that its parts are at the median height.
+def median_surface(
+    surfaces: Sequence[Float64], parts: Int32, known: Bool
+) -> tuple[Float64, Float64]:
+    """Return the median over surfaces, and their range.
+
+    Each is first moved so that its parts are at the median height.
 
     Parameters
     ----------
@@ -54,4 +58,4 @@ def median_surface(surfaces: Sequence[Float64], parts: Int32, known: Bool) -> Fl
             moves = ndimage.median(middle - surface, parts, numbers)
             surface[inside] += np.where(known, 0, moves)[parts[inside]]
         middle = np.median(found, axis=0)
-    return middle
+    return middle, np.ptp(found, axis=0)

@@ -39,6 +39,8 @@ _WIDTHS_PX = (4.0, 2.0, 1.0, 0.5)
 # Searches with resampled evidence; and the contradiction of a surface that is clearly better than
 # their median, relative to that of the median.
 _SEARCHES, _CLEARLY = 7, 0.97
+# The first surfaces are enough if they differ by more than this, in pixels, on a smaller share.
+_FEWEST, _APART_PX, _APART_SHARE = 3, 0.5, 0.01
 # In a map with more pixels, pieces are searched in one of half the size.
 _LARGEST_SEARCH = 150_000
 # Normals of a square of pixels whose sum is shorter have no mean.
@@ -250,17 +252,22 @@ class JumpProblem:
         searches = [(*self.once(even), even) for even in starts]
         iterations = sum(spent for _, spent, _ in searches)
         best, _, even = min(searches, key=lambda search: self.contradiction(search[0].u))
-        rng = np.random.default_rng(0)
-        surfaces = [best.u]
-        for _ in range(_SEARCHES):
-            found, spent = self._resampled(rng).once(even)
-            surfaces.append(found.u)
-            iterations += spent
         parts, count = label_parts(*self.alternation.edges[:2])
         known = np.zeros(count, bool)
         if self.alternation.held is not None:
             known[parts[self.alternation.held.weights > 0]] = True
-        typical = self.alternation.solved(after=median_surface(surfaces, parts, known))
+        rng = np.random.default_rng(0)
+        surfaces = [best.u]
+        while len(surfaces) <= _SEARCHES:
+            found, spent = self._resampled(rng).once(even)
+            surfaces.append(found.u)
+            iterations += spent
+            if len(surfaces) == _FEWEST:
+                _, apart = median_surface(surfaces, parts, known)
+                if np.mean(self.alternation.scale * apart[parts >= 0] > _APART_PX) < _APART_SHARE:
+                    break
+        middle, _ = median_surface(surfaces, parts, known)
+        typical = self.alternation.solved(after=middle)
         iterations += typical.iterations
         # Its decisions hold unless those of all evidence are clearly better.
         if self.contradiction(best.u) > _CLEARLY * self.contradiction(typical.u):
