@@ -57,7 +57,7 @@ from processing.recording.reconstruction import (
 )
 from processing.series.light_distance import LightDistance
 from processing.stages.stage import Need
-from processing.stereo.method import Method, StereoChannel
+from processing.stereo.method import Estimator, Method, StereoChannel, method_name
 from processing.stereo.normals_and_albedo import check_solved
 from processing.surface.integration import integrate
 from rig import Notice, Progress, check_type, no_progress, pluralize
@@ -399,7 +399,7 @@ class NormalsStage:
 def reconstruct(
     source: Source,
     *,
-    method: Method = "best",
+    method: str | Estimator = "best",
     channel: StereoChannel = "auto",
     distant: bool = False,
     light_distance_mm: DistanceChoice = None,
@@ -494,7 +494,7 @@ def reconstruct(
     Reconstruction(., NormalMap(float32[40, 40, 3], 572 normals), height in px)
     """
     stage = NormalsStage(
-        method=method,
+        method=method_name(method),
         channel=channel,
         distant=distant,
         light_distance_mm=light_distance_mm,

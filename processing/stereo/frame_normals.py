@@ -9,7 +9,7 @@ from acquisition import DataError, Lights
 from processing.stereo.frames import Frames
 from processing.stereo.image_noise import law_of_images
 from processing.stereo.light_model import LightModel, check_one_light_each
-from processing.stereo.method import Method, check_method
+from processing.stereo.method import Estimator, method_name
 from processing.stereo.solve import solve_maps
 from processing.stereo.stereo_maps import StereoMaps
 from rig import check_type, no_progress, pluralize
@@ -27,7 +27,7 @@ def normals_of_frames(
     saturation: float = np.inf,
     region: Region | None = None,
     mask: Bool | None = None,
-    method: Method = "ls",
+    method: str | Estimator = "ls",
     points_mm: npt.ArrayLike | None = None,
     out: StereoMaps | None = None,
 ) -> StereoMaps:
@@ -88,7 +88,8 @@ def normals_of_frames(
     """
     check_type("lights", lights, Lights, "Lights(directions)")
     frames, dark = np.asarray(frames), np.asarray(dark, np.float32)
-    _check(frames, lights, dark, saturation, mask, method)
+    name = method_name(method)
+    _check(frames, lights, dark, saturation, mask)
     factor = _factors(gain, len(lights))
     rows, columns = _inside(region, frames.shape[1:])
     part = frames[:, rows, columns]
@@ -118,8 +119,8 @@ def normals_of_frames(
     )
     if out is not None:
         maps.clear()
-    law = None if method == "ls" else law_of_images(images, model, of_part)
-    solve_maps(images, model, of_part, law, method, maps, None, no_progress)
+    law = None if name == "ls" else law_of_images(images, model, of_part)
+    solve_maps(images, model, of_part, law, name, maps, None, no_progress)
     return maps
 
 
@@ -133,9 +134,7 @@ def _check(
     dark: Float32,
     saturation: float,
     mask: Bool | None,
-    method: str,
 ) -> None:
-    check_method(method)
     if frames.ndim != 3 or frames.dtype.kind not in "uif":
         raise DataError(
             f"frames are numbers of shape (N, H, W), not {frames.dtype} of shape {frames.shape}"

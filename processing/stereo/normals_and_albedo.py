@@ -15,7 +15,7 @@ from processing.maps.normal_map import NormalMap
 from processing.stereo.frames import Frames
 from processing.stereo.image_noise import NoiseLaw, law_of_images
 from processing.stereo.light_model import LightModel, check_one_light_each
-from processing.stereo.method import Method, check_method
+from processing.stereo.method import Estimator, method_name
 from processing.stereo.solve import solve_maps
 from processing.stereo.stereo_maps import StereoMaps
 from rig import Notice, Progress, Severity, check_type, no_progress, short_repr
@@ -60,7 +60,7 @@ def photometric_stereo(
     lights: Lights,
     mask: Bool,
     *,
-    method: Method = "best",
+    method: str | Estimator = "best",
     points_mm: npt.ArrayLike | None = None,
     noise: StackNoise | None = None,
     camera: CameraModel | None = None,
@@ -88,6 +88,8 @@ def photometric_stereo(
         surfaces with GGX lobes of several widths or none (Walter et al., 2007), by how well each
         explains the samples. It is the most accurate on glossy and shadowed surfaces, and nearly
         as accurate as the others on matte ones. With fewer than 16 samples it is ``cauchy``.
+        Or an estimator of your own, see `processing.stereo.Estimator`, or the name of one that is
+        installed as an entry point of the group ``sgp.estimators``.
     points_mm
         ``(H, W, 3)`` surface points in the house frame, for lights with positions: the light
         vectors are those of `Lights.vectors_at`. Ignored for distant lights.
@@ -133,7 +135,7 @@ def photometric_stereo(
     """
     check_linear("values", values)
     check_type("lights", lights, Lights, "Lights(directions)")
-    check_method(method)
+    name = method_name(method)
     stack, mask = np.asarray(values, np.float32), np.ascontiguousarray(mask)
     _check_inputs(stack, lights, mask)
     model = LightModel(lights, points_mm, mask)
@@ -142,10 +144,10 @@ def photometric_stereo(
     law: NoiseLaw | Float32 | None = None
     if noise is not None:
         law = NoiseLaw(noise, (len(stack), *mask.shape))
-    elif method != "ls":
+    elif name != "ls":
         law = law_of_images(frames, model, mask)
     maps = StereoMaps.empty(mask.shape)
-    solve_maps(frames, model, mask, law, method, maps, camera, on_progress)
+    solve_maps(frames, model, mask, law, name, maps, camera, on_progress)
     return stereo_of(maps, mask, stack)
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 
 from acquisition import CameraModel
@@ -13,59 +11,16 @@ from processing.stereo.frames import Frames
 from processing.stereo.image_noise import NoiseLaw
 from processing.stereo.least_squares import least_squares
 from processing.stereo.light_model import LightModel
-from processing.stereo.method import Method
+from processing.stereo.method import Estimator, Method, given_estimator
 from processing.stereo.stereo_maps import StereoMaps
 from processing.stereo.tile_least_squares import tile_least_squares
 from processing.stereo.trimmed import trimmed
 from rig import Progress, no_progress
-from rig.arrays import Bool, Float32, Float64, Intp
+from rig.arrays import Bool, Float32, Intp
 
 # Number of pixels that are estimated together. Their samples approximately fit into the
 # second-level cache, and the cost of starting the threads is small in comparison.
 _BLOCK = 16384
-
-
-class Estimator(Protocol):
-    """Function that estimates the scaled normal of each pixel of a block independently.
-
-    To add an estimator, write a function of this form in a separate file and list it in
-    `ESTIMATORS` and in `Method`. An estimator does not depend on images, on masks, or on whether
-    the lights are near.
-    """
-
-    def __call__(
-        self,
-        values: Float32,
-        vectors: Float32,
-        law: Float32 | None = None,
-        view: Float32 | None = None,
-        /,
-    ) -> tuple[Float64, Float64]:
-        """Return the scaled normals and the residuals of P pixels under N lights.
-
-        Parameters
-        ----------
-        values
-            ``(P, N)`` float32 linear radiance, divided by the lights' intensities; not finite
-            if a sample was not measured.
-        vectors
-            ``(1, 3, N)`` float32 light vectors (x, y, z) that all pixels share, or ``(P, 3, N)``.
-        law
-            ``(1, 2, N)`` or ``(P, 2, N)`` float32: variance of a sample without light, and its
-            increase per value; None if the noise is not known.
-        view
-            ``(1, 3)`` or ``(P, 3)`` float32 unit vectors toward the camera, for models of
-            reflectance; None for the direction z.
-
-        Returns
-        -------
-        scaled
-            ``(P, 3)`` float64, normal times albedo; 0 if the samples do not determine it.
-        rms
-            ``(P,)`` float64, root mean square of ``value - vector . scaled`` over the finite
-            samples; 0 if there is no solution.
-        """
-        ...
 
 
 ESTIMATORS: dict[Method, Estimator] = {
@@ -117,7 +72,8 @@ def write_solutions(
     maps: StereoMaps,
 ) -> None:
     """Estimate some pixels, indices into the flat maps, from their samples; see `Estimator`."""
-    scaled, rms = ESTIMATORS[method](samples, vectors, law, view)
+    estimator = ESTIMATORS.get(method) or given_estimator(method)
+    scaled, rms = estimator(samples, vectors, law, view)
     length = np.sqrt(np.einsum("pc,pc->p", scaled, scaled))
     with np.errstate(over="ignore"):
         strength = length.astype(np.float32)

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Literal, TypeVar, get_type_hints
 
 from cyclopts import CoercionError, Parameter, Token
 from cyclopts.validators import Number
@@ -179,6 +179,10 @@ Microseconds = Annotated[float, Parameter(converter=_real, validator=Number(gt=0
 LightDistance = Annotated[
     float | Literal["estimate"], Parameter(converter=_light_distance, n_tokens=1)
 ]
+if TYPE_CHECKING:
+    MethodChoice = processing.Method
+else:  # with those that users have installed
+    MethodChoice = Literal[processing.stereo.installed_methods()]
 Gamma = Annotated[str, Parameter(converter=_gamma)]
 Names = Annotated[tuple[str, ...], Parameter(converter=_names, n_tokens=1, metavar="LIST")]
 Region = Annotated[
@@ -304,7 +308,8 @@ class SourceOptions(RemedyOptions):
     method
         ls (plain least squares), trimmed (without the darkest and brightest fifth of the samples),
         cauchy (gives shadows and highlights a low weight), or best (also fits reflectances; the
-        most accurate, but takes about three times as long as cauchy on glossy surfaces).
+        most accurate, but takes about three times as long as cauchy on glossy surfaces), or an
+        estimator that is installed in the group sgp.estimators.
     channel
         auto (joint if its predicted errors are smaller than those of gray, else gray), gray,
         rgb (one solution per channel, averaged), joint (one normal and one albedo per channel
@@ -317,7 +322,7 @@ class SourceOptions(RemedyOptions):
         The lowest points of the object are in the working plane, for lights with positions.
     """
 
-    method: processing.Method = "best"
+    method: MethodChoice = "best"
     channel: processing.stereo.StereoChannel = "auto"
     height_mm: Millimetres | None = None
     rests_on_plane: bool = False
