@@ -22,7 +22,7 @@ BUDGET = {
     "simulator": (7323, 28, 65),
     "sgp": (14412, 0, 144),
 }
-WORDS_OF_DOCUMENTS = 67100
+WORDS_OF_DOCUMENTS = 61000
 # Numbers of calibration/spheres that were chosen, not derived.
 TUNED_CONSTANTS = 263
 STRATA_OF_SGP = 7
