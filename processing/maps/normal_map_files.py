@@ -336,7 +336,7 @@ def _find_image(path: Path) -> Path:
     if not path.is_dir():
         return path
     names = [f"{stem}{suffix}" for stem in _STEMS for suffix in _SUFFIXES]
-    # A result has them in a folder of its own.
+    # A result has them in a separate folder.
     for folder in (path, path / "normals"):
         for name in names:
             if (folder / name).is_file():
