@@ -116,9 +116,10 @@ def given_estimator(name: str) -> Estimator:
         view: Float32 | None = None,
         /,
     ) -> tuple[Float64, Float64]:
-        scaled, rms = (
-            np.asarray(each, np.float64) for each in estimator(values, vectors, law, view)
-        )
+        found = estimator(values, vectors, law, view)
+        if not isinstance(found, tuple) or len(found) != 2:
+            raise DataError(f"the method {name} did not return a pair (scaled normals, residuals)")
+        scaled, rms = (np.asarray(each, np.float64) for each in found)
         count = len(values)
         if scaled.shape != (count, 3) or rms.shape != (count,):
             raise DataError(

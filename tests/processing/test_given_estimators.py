@@ -78,6 +78,7 @@ def test_a_recording_is_reconstructed_by_a_function(tmp_path):
     ("method", "message"),
     [
         pytest.param("lss", "'lss' is not a method", id="another name"),
+        pytest.param(lambda *_: None, "did not return a pair", id="nothing"),
         pytest.param(3, "a name or a function, not int", id="a number"),
         pytest.param(
             lambda values, *_: (values, values), r"expected \(20, 3\) and \(20,\)", id="shapes"
