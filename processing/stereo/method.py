@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from importlib.metadata import entry_points
-from typing import Final, Literal, Protocol, cast, get_args
-
-import numpy as np
+from typing import TYPE_CHECKING, Final, Literal, Protocol, cast, get_args
 
 from acquisition import DataError
-from rig.arrays import Float32, Float64
+
+if TYPE_CHECKING:  # the commands list the names before numpy is needed
+    from rig.arrays import Float32, Float64
 
 Method = Literal["ls", "trimmed", "cauchy", "best"]
 StereoChannel = Literal["auto", "gray", "rgb", "joint", "mosaic"]
@@ -101,33 +101,13 @@ def method_name(method: str | Estimator) -> Method:
             raise DataError(
                 f"{method!r} is not a method of photometric stereo: use {', '.join(known)}"
             )
-        _GIVEN[method] = entry_points(group=_ENTRY_POINTS)[method].load()
+        try:
+            _GIVEN[method] = entry_points(group=_ENTRY_POINTS)[method].load()
+        except Exception as error:
+            raise DataError(f"the method {method} cannot be loaded: {error!r}") from error
     return cast(Method, method)
 
 
 def given_estimator(name: str) -> Estimator:
-    """Return an estimator of a user, whose results are checked."""
-    estimator = _GIVEN[method_name(name)]
-
-    def checked(
-        values: Float32,
-        vectors: Float32,
-        law: Float32 | None = None,
-        view: Float32 | None = None,
-        /,
-    ) -> tuple[Float64, Float64]:
-        found = estimator(values, vectors, law, view)
-        if not isinstance(found, tuple) or len(found) != 2:
-            raise DataError(f"the method {name} did not return a pair (scaled normals, residuals)")
-        scaled, rms = (np.asarray(each, np.float64) for each in found)
-        count = len(values)
-        if scaled.shape != (count, 3) or rms.shape != (count,):
-            raise DataError(
-                f"the method {name} returned arrays of shapes {scaled.shape} and {rms.shape} for "
-                f"{count} pixels: expected ({count}, 3) and ({count},)"
-            )
-        # What is not finite does not determine a normal.
-        unknown = ~(np.isfinite(scaled).all(axis=1) & np.isfinite(rms))
-        return np.where(unknown[:, None], 0, scaled), np.where(unknown, 0, rms)
-
-    return checked
+    """Return an estimator of a user by its name in records."""
+    return _GIVEN[method_name(name)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from acquisition import CameraModel
+from acquisition import CameraModel, DataError
 from processing.stereo.best import best
 from processing.stereo.cauchy import cauchy
 from processing.stereo.frames import Frames
@@ -16,7 +16,7 @@ from processing.stereo.stereo_maps import StereoMaps
 from processing.stereo.tile_least_squares import tile_least_squares
 from processing.stereo.trimmed import trimmed
 from rig import Progress, no_progress
-from rig.arrays import Bool, Float32, Intp
+from rig.arrays import Bool, Float32, Float64, Intp
 
 # Number of pixels that are estimated together. Their samples approximately fit into the
 # second-level cache, and the cost of starting the threads is small in comparison.
@@ -72,8 +72,11 @@ def write_solutions(
     maps: StereoMaps,
 ) -> None:
     """Estimate some pixels, indices into the flat maps, from their samples; see `Estimator`."""
-    estimator = ESTIMATORS.get(method) or given_estimator(method)
-    scaled, rms = estimator(samples, vectors, law, view)
+    estimator = ESTIMATORS.get(method)
+    if estimator is None:
+        scaled, rms = given_solutions(method, samples, vectors, law, view)
+    else:
+        scaled, rms = estimator(samples, vectors, law, view)
     length = np.sqrt(np.einsum("pc,pc->p", scaled, scaled))
     with np.errstate(over="ignore"):
         strength = length.astype(np.float32)
@@ -83,6 +86,32 @@ def write_solutions(
     maps.albedo.reshape(-1)[determined] = strength[solved]
     maps.residual.reshape(-1)[determined] = rms[solved]
     maps.used.reshape(-1)[pixels] = np.isfinite(samples).sum(axis=1)
+
+
+def given_solutions(
+    name: str,
+    samples: Float32,
+    vectors: Float32,
+    law: Float32 | None,
+    view: Float32 | None,
+) -> tuple[Float64, Float64]:
+    """Return what an estimator of a user finds, after a check; see `Estimator`."""
+    try:
+        found = given_estimator(name)(samples, vectors, law, view)
+    except Exception as error:
+        raise DataError(f"the method {name} failed: {error!r}") from error
+    if not isinstance(found, tuple) or len(found) != 2:
+        raise DataError(f"the method {name} did not return a pair (scaled normals, residuals)")
+    scaled, rms = (np.asarray(each, np.float64) for each in found)
+    count = len(samples)
+    if scaled.shape != (count, 3) or rms.shape != (count,):
+        raise DataError(
+            f"the method {name} returned arrays of shapes {scaled.shape} and {rms.shape} for "
+            f"{count} pixels: expected ({count}, 3) and ({count},)"
+        )
+    # What is not finite does not determine a normal.
+    unknown = ~(np.isfinite(scaled).all(axis=1) & np.isfinite(rms))
+    return np.where(unknown[:, None], 0, scaled), np.where(unknown, 0, rms)
 
 
 def toward_camera(

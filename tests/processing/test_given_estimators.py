@@ -33,7 +33,9 @@ def doubtful(values, vectors, law=None, view=None):
 @pytest.fixture
 def installed(monkeypatch):
     """The entry point ``mine``."""
-    points = EntryPoints([EntryPoint("mine", f"{__name__}:mine", "sgp.estimators")])
+    points = EntryPoints(
+        EntryPoint(name, f"{__name__}:{name}", "sgp.estimators") for name in ("mine", "removed")
+    )
     real = methods.entry_points
     monkeypatch.setattr(
         methods,
@@ -55,11 +57,13 @@ def test_what_a_function_does_not_determine_has_no_normal():
 
 
 def test_an_entry_point_is_a_method(installed):
-    assert stereo.installed_methods() == (*stereo.METHODS, "mine")
+    assert stereo.installed_methods() == (*stereo.METHODS, "mine", "removed")
     found = photometric_stereo(VALUES, LIGHTS, MASK, method="mine")
     np.testing.assert_allclose(found.normal_map.normals[0, 0], NORMAL, atol=1e-6)
-    with pytest.raises(DataError, match=r"'other' is not a method .*: use ls, .*, best, mine"):
+    with pytest.raises(DataError, match=r"'other' is not a method .*, best, mine, removed"):
         photometric_stereo(VALUES, LIGHTS, MASK, method="other")
+    with pytest.raises(DataError, match="the method removed cannot be loaded: AttributeError"):
+        photometric_stereo(VALUES, LIGHTS, MASK, method="removed")
 
 
 def test_a_recording_is_reconstructed_by_a_function(tmp_path):
@@ -79,6 +83,7 @@ def test_a_recording_is_reconstructed_by_a_function(tmp_path):
     [
         pytest.param("lss", "'lss' is not a method", id="another name"),
         pytest.param(lambda *_: None, "did not return a pair", id="nothing"),
+        pytest.param(lambda values, *_: 1 // 0, r"failed: ZeroDivisionError\(", id="an exception"),
         pytest.param(3, "a name or a function, not int", id="a number"),
         pytest.param(
             lambda values, *_: (values, values), r"expected \(20, 3\) and \(20,\)", id="shapes"
