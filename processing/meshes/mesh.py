@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from processing.stages.stage import NormalRows, size_of
 from processing.surface.height_map import HeightMap
 from rig import check_type, short_repr
 from rig.arrays import Bool, Float32, Int32, UInt8
+
+if TYPE_CHECKING:
+    import trimesh
 
 _BAND = 64  # rows
 
@@ -47,6 +50,49 @@ class Mesh:
     places: Float32 | None = None
 
     __repr__ = short_repr
+
+    @classmethod
+    def from_trimesh(cls, mesh: trimesh.Trimesh, unit: Literal["mm", "px"] = "mm") -> Mesh:
+        """Make a mesh of the vertices, faces, normals and colours of one of trimesh.
+
+        Parameters
+        ----------
+        mesh
+            The mesh; it has no texture here.
+        unit
+            Unit of its vertices.
+        """
+        painted = mesh.visual.kind == "vertex"
+        return cls(
+            np.array(mesh.vertices, np.float32),
+            np.array(mesh.faces, np.int32),
+            np.array(mesh.vertex_normals, np.float32),
+            unit,
+            np.array(mesh.visual.vertex_colors[:, :3]) if painted else None,
+        )
+
+    def to_trimesh(self) -> trimesh.Trimesh:
+        """Return a mesh of trimesh with the same vertices, in the same order.
+
+        Its colours are those of the vertices; without these, `places` are its texture coordinates.
+        """
+        import trimesh
+
+        visual = None
+        if self.colours is None and self.places is not None:
+            # There, the second coordinate grows upwards.
+            uv = self.places * np.float32([1, -1]) + np.float32([0, 1])
+            visual = trimesh.visual.TextureVisuals(uv=uv)
+        made = trimesh.Trimesh(
+            self.vertices.copy(),
+            self.faces.copy(),
+            vertex_normals=self.normals,
+            vertex_colors=self.colours,
+            visual=visual,
+            process=False,
+        )
+        made.units = self.unit
+        return made
 
 
 def height_mesh(

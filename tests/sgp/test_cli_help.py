@@ -93,7 +93,9 @@ def test_optional_arguments_have_names(page):
         ),
         pytest.param(["help", "nromals"], r"nromals, did you mean normals\? \(see `sgp --help`\)"),
         pytest.param(["help", "rig", "chek"], r"chek, did you mean check\? \(see `sgp rig --help`"),
-        pytest.param(["nromals", "--help"], r"nromals, did you mean normals\? \(see `sgp --help`\)"),
+        pytest.param(
+            ["nromals", "--help"], r"nromals, did you mean normals\? \(see `sgp --help`\)"
+        ),
         pytest.param(["--jsn", "demo"], r"sgp has no option --jsn \(see `sgp --help`\)"),
         pytest.param(["normals"], r"SOURCE is missing \(see `sgp normals --help`\)"),
         pytest.param(["capture", "run"], r"OUT is missing \(see `sgp capture run --help`\)"),
