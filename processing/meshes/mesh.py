@@ -62,13 +62,17 @@ class Mesh:
         unit
             Unit of its vertices.
         """
-        painted = mesh.visual.kind == "vertex"
+        from trimesh.visual import ColorVisuals
+
+        look, colours = mesh.visual, None
+        if isinstance(look, ColorVisuals) and look.kind == "vertex":
+            colours = np.array(look.vertex_colors[:, :3], np.uint8)
         return cls(
             np.array(mesh.vertices, np.float32),
             np.array(mesh.faces, np.int32),
             np.array(mesh.vertex_normals, np.float32),
             unit,
-            np.array(mesh.visual.vertex_colors[:, :3]) if painted else None,
+            colours,
         )
 
     def to_trimesh(self) -> trimesh.Trimesh:
@@ -81,8 +85,8 @@ class Mesh:
         visual = None
         if self.colours is None and self.places is not None:
             # There, the second coordinate grows upwards.
-            uv = self.places * np.float32([1, -1]) + np.float32([0, 1])
-            visual = trimesh.visual.TextureVisuals(uv=uv)
+            uv = np.column_stack([self.places[:, 0], 1 - self.places[:, 1]])
+            visual = trimesh.visual.TextureVisuals(uv=uv)  # type: ignore[no-untyped-call]
         made = trimesh.Trimesh(
             self.vertices.copy(),
             self.faces.copy(),
