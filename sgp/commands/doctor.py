@@ -50,7 +50,11 @@ class _Found:
 
     def lines(self) -> list[str]:
         """Return lines of at most 80 columns, also for files; paths that are longer are broken."""
-        parts = re.sub(r"\S{60,}", lambda word: " ".join(textwrap.wrap(word[0], 60)), self.text)
+        parts = re.sub(
+            r"\S{60,}",
+            lambda word: " ".join(textwrap.wrap(word[0], 60, break_on_hyphens=False)),
+            self.text,
+        )
         return wrapped(f"{self.state:<8} {self.name:<10} {parts}", 80).split("\n")
 
 
