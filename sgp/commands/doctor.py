@@ -10,7 +10,6 @@ import stat
 import sys
 import sysconfig
 import tempfile
-import textwrap
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
@@ -50,11 +49,7 @@ class _Found:
 
     def lines(self) -> list[str]:
         """Return lines of at most 80 columns, also for files; paths that are longer are broken."""
-        parts = re.sub(
-            r"\S{60,}",
-            lambda word: " ".join(textwrap.wrap(word[0], 60, break_on_hyphens=False)),
-            self.text,
-        )
+        parts = re.sub(r"\S{60}(?=\S)", r"\g<0> ", self.text)
         return wrapped(f"{self.state:<8} {self.name:<10} {parts}", 80).split("\n")
 
 
