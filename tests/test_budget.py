@@ -18,7 +18,7 @@ BUDGET = {
     "rig": (3708, 45, 58),
     "acquisition": (15173, 63, 151),
     "calibration": (10161, 30, 86),
-    "processing": (22187, 61, 201),
+    "processing": (22193, 61, 202),
     "simulator": (7323, 28, 65),
     "sgp": (14427, 0, 144),
 }

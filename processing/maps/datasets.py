@@ -26,7 +26,7 @@ def dataset_of(maps: Mapping[str, Generic], **facts: str | float) -> xarray.Data
     try:
         import xarray
     except ImportError as error:
-        raise ImportError("to_xarray needs xarray: pip install xarray") from error
+        raise ImportError("this needs xarray: pip install xarray") from error
     variables = {name: (_DIMENSIONS[: one.ndim], one.copy()) for name, one in maps.items()}
     whole = xarray.Dataset(variables, attrs=facts)
     places = {name: np.arange(length) for name, length in whole.sizes.items()}

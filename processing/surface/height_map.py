@@ -6,20 +6,16 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from acquisition import CameraModel, MapRows
 from acquisition.files import rows_in_bands
-from processing.maps.datasets import dataset_of
 from processing.surface.height_errors import HeightUncertainty
 from processing.surface.jumps import Jumps
 from rig import Notice
 from rig.arrays import Bool, Float32, Int32
-
-if TYPE_CHECKING:
-    import xarray
 
 # Values that are read at once.
 _READ = 4_000_000
@@ -165,21 +161,3 @@ class HeightMap:
             points[..., 0] = np.where(inside, x[None, :], np.nan)
             points[..., 1] = np.where(inside, y[:, None], np.nan)
         return points
-
-    def to_xarray(self) -> xarray.Dataset:
-        """Return copies of the maps by ``(row, column)``, with the places of their points.
-
-        These are the variables ``height``, ``mask``, ``parts`` and, of a perspective surface,
-        ``depth``; the coordinates ``x`` and ``y`` of the points in the house frame, NaN outside the
-        mask; and the attributes ``unit`` and ``pixel_size``.
-
-        Raises
-        ------
-        ImportError
-            If xarray is not installed.
-        """
-        maps = {name: values[:] for name, values in self.maps.items()}
-        x, y, _ = np.moveaxis(self.points(), -1, 0)
-        places = {"mask": self.mask, "x": x, "y": y}
-        whole = dataset_of({**maps, **places}, unit=self.unit, pixel_size=self.pixel_size)
-        return whole.set_coords(["x", "y"])

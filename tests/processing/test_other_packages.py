@@ -9,7 +9,7 @@ import trimesh
 
 from acquisition import CameraModel, DataError
 from processing import NormalMap, height_mesh, integrate
-from processing.meshes import Mesh
+from processing.meshes import Mesh, height_dataset
 
 MASK = np.ones((4, 6), bool)
 MASK[0, :2] = False
@@ -49,14 +49,14 @@ def test_a_dataset_without_a_map(normal_map, name):
 def test_heights_have_the_places_of_their_points(normal_map):
     pytest.importorskip("xarray")
     surface = integrate(normal_map, pixel_mm=0.5)
-    dataset = surface.to_xarray()
+    dataset = height_dataset(surface)
     assert dataset.attrs == {"unit": "mm", "pixel_size": 0.5}
     assert {*dataset.data_vars} == {"height", "mask", "parts"}
     assert float(dataset["height"].sel(row=1, column=5).x) == 0.5 * 2.5
     assert float(dataset["height"].sel(row=1, column=5).y) == 0.5 * 0.5
     assert np.isnan(dataset["x"][0, 0])
     camera = CameraModel(np.diag([90.0, 90, 1]), 6, 4, working_distance_mm=300)
-    seen = integrate(normal_map, camera=camera).to_xarray()
+    seen = height_dataset(integrate(normal_map, camera=camera))
     np.testing.assert_allclose(seen["depth"] + seen["height"], np.where(MASK, 300, np.nan))
 
 
@@ -66,7 +66,7 @@ def test_without_xarray_the_error_names_it():
         "processing.NormalMap.from_vectors(np.ones((2, 2, 3))).to_xarray()"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert done.stderr.splitlines()[-1] == "ImportError: to_xarray needs xarray: pip install xarray"
+    assert done.stderr.splitlines()[-1] == "ImportError: this needs xarray: pip install xarray"
 
 
 def test_a_mesh_of_trimesh(normal_map):
