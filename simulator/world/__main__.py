@@ -22,7 +22,7 @@ _EXAMPLES = """examples:
   python -m simulator.world --schedule 17.json --log"""
 
 
-def _many(first: int, count: int, workers: int) -> int:
+def _many(first: int, count: int, workers: int, *, stop: bool) -> int:
     began_s = time.monotonic()
     met: Counter[str] = Counter()
     failed, programs, steps, virtual_s = [], 0, 0, 0.0
@@ -38,6 +38,9 @@ def _many(first: int, count: int, workers: int) -> int:
                 for text in outcome.violations:
                     print(f"seed {outcome.schedule.seed}: {text}")
                 print(f"  python -m simulator.world --seed {outcome.schedule.seed} --log")
+                if stop:
+                    pool.shutdown(cancel_futures=True)
+                    return 1
             if sys.stderr.isatty() or number % 500 == 0:
                 print(f"\r{number} of {count}", end="", file=sys.stderr)
     seconds = time.monotonic() - began_s
@@ -63,6 +66,7 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=100, help="number of seeds [100]")
     parser.add_argument("--first", type=int, default=0, help="first seed [0]")
     parser.add_argument("--workers", type=int, default=2, help="processes [2]")
+    parser.add_argument("--stop", action="store_true", help="end after the first violation")
     parser.add_argument("--seed", type=int, help="run only this seed")
     parser.add_argument("--schedule", type=Path, help="run only the schedule of this file")
     parser.add_argument("--log", action="store_true", help="print every step")
@@ -71,7 +75,7 @@ def main() -> int:
     )
     options = parser.parse_args()
     if options.seed is None and options.schedule is None:
-        return _many(options.first, options.count, options.workers)
+        return _many(options.first, options.count, options.workers, stop=options.stop)
     try:
         schedule = Schedule.drawn(options.seed or 0)
         if options.schedule is not None:

@@ -9,7 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from rig import CameraFrame
-from rig.arrays import Float32
+from rig.arrays import AnyArray, Float32
 from rig.camera import Trigger
 from simulator.bench.state import BenchState
 from simulator.camera.sensor import ImageFormation
@@ -40,7 +40,7 @@ def plane(leds: int, led: int | None) -> Float32:
     return np.asarray(texture * np.where(own, _FULL, _REST), np.float32)
 
 
-def led_of(pixels: np.ndarray, black: float) -> int | None:
+def led_of(pixels: AnyArray, black: float) -> int | None:
     """Return the LED that a frame shows; None if it is dark."""
     blocks = pixels.reshape(pixels.shape[0], -1, _BLOCK).mean(axis=(0, 2)) - black
     led = int(blocks.argmax())

@@ -170,9 +170,9 @@ class Disk:
     def power_loss(self) -> None:
         """Leave only what is certain, and some of what is not."""
         last = {id(folder): 0 for change in self._changes for folder, _, _ in change.parts}
-        for folder in last:
-            mine = [c for c in self._changes if any(id(f) == folder for f, _, _ in c.parts)]
-            last[folder] = self._random.randint(0, len(mine))
+        for key in last:
+            mine = [c for c in self._changes if any(id(f) == key for f, _, _ in c.parts)]
+            last[key] = self._random.randint(0, len(mine))
         kept: list[_Change] = []
         for change in self._changes:
             if all(last[id(folder)] > 0 for folder, _, _ in change.parts):

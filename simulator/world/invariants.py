@@ -37,12 +37,15 @@ class SessionState:
         Whether COMPLETE states the hash of the journal.
     files
         Hash of every file in ``frames/`` by its name.
+    kept
+        Hashes of all files in ``frames/`` and ``derived/`` that are not hidden.
     """
 
     lines: tuple[dict[str, Any], ...]
     torn: bytes
     complete: bool
     files: dict[str, str]
+    kept: frozenset[str]
 
     @classmethod
     def read(cls, folder: Path) -> SessionState:
@@ -52,13 +55,16 @@ class SessionState:
         lines, end = _chained(data)
         mark = folder / "COMPLETE"
         whole = hashlib.sha256(data).hexdigest().encode()
-        frames = folder / "frames"
-        paths = sorted(frames.iterdir()) if frames.is_dir() else []
+        found = {
+            path: hashlib.sha256(path.read_bytes()).hexdigest()
+            for path in (*folder.glob("frames/[!.]*"), *folder.glob("derived/*/[!.]*"))
+        }
         return cls(
             tuple(lines),
             data[end:],
             mark.exists() and whole in mark.read_bytes(),
-            {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths},
+            {path.name: sha for path, sha in found.items() if path.parent.name == "frames"},
+            frozenset(found.values()),
         )
 
     @property
@@ -134,7 +140,7 @@ def wrong_frames(folder: Path, now: SessionState, black: float) -> Iterator[str]
     for line in now.frames:
         if line["file"] in damaged or line["status"] != "ok":
             continue
-        pixels = cv2.imread(str(folder / line["file"]), cv2.IMREAD_UNCHANGED)
+        pixels = np.asarray(cv2.imread(str(folder / line["file"]), cv2.IMREAD_UNCHANGED))
         led = line["led"] if line["role"] in ("light", "repeat") else None
         if line["echo"] is not None and line["echo"]["led"] != led:
             yield f"{line['file']}: planned with LED {led}, the echo states {line['echo']['led']}"

@@ -4,47 +4,20 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable
-from pathlib import Path
 
 from serial import SerialException
 
-from simulator.bench.state import FULL_LEVEL, BenchState, BenchWriter, LitPeriod
 from simulator.led_board.faults import BoardFault, FaultyBoard, PowerCutError
 from simulator.led_board.firmware import BoardFirmware
 from simulator.led_board.outputs import ActiveInput, BoardOutputs
+from simulator.world.light import LightHistory, LightView
 from simulator.world.scheduler import NEVER_NS, Scheduler
 
 # Bytes at 115200 baud, and the time in the driver.
 _BYTE_NS = 87_000
 _DRIVER_NS = (100_000, 1_500_000)
 _MOST_UNREAD = 4096
-
-
-class LightHistory(BenchWriter):
-    """Bench state that also remembers every period of light."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(path)
-        self.lit: list[LitPeriod] = []
-
-    def light(self, led: int, start_ns: int, end_ns: int, level: int = FULL_LEVEL) -> int:
-        """Record a period; see `BenchWriter`."""
-        self.lit.append(LitPeriod(led, start_ns, end_ns, level))
-        return super().light(led, start_ns, end_ns, level)
-
-    def end(self, period: int, end_ns: int) -> None:
-        """Move the end of a period; see `BenchWriter`."""
-        old = self.lit[period]
-        self.lit[period] = LitPeriod(old.led, old.start_ns, max(old.start_ns, end_ns), old.level)
-        super().end(period, end_ns)
-
-    def put_out(self, now_ns: int) -> None:
-        """Turn all LEDs off; see `BenchWriter`."""
-        for number, old in enumerate(self.lit):
-            if old.end_ns > now_ns:
-                ends_ns = max(old.start_ns, now_ns)
-                self.lit[number] = LitPeriod(old.led, old.start_ns, ends_ns, old.level)
-        super().put_out(now_ns)
+_TICK_NS = 100_000_000
 
 
 class WorldBoard:
@@ -54,19 +27,16 @@ class WorldBoard:
     ----------
     scheduler
         Owner of the time.
-    path
-        File of the bench state.
     leds
         Number of LEDs.
     """
 
-    def __init__(self, scheduler: Scheduler, path: Path, leds: int) -> None:
+    def __init__(self, scheduler: Scheduler, leds: int) -> None:
         self._scheduler = scheduler
-        self.path = path
-        self.history = LightHistory(path)
+        self.history = LightHistory()
+        self.view = LightView(self.history)
         self._outputs = BoardOutputs(self.history)
-        self._active = BenchState(path)
-        firmware = BoardFirmware(leds, self._outputs, ActiveInput(self._active), scheduler.now_ns)
+        firmware = BoardFirmware(leds, self._outputs, ActiveInput(self.view), scheduler.now_ns)
         self.board = FaultyBoard(firmware, self._outputs)
         self.faults: list[BoardFault] = []
         # When the board is on the line again; it is now if this is not later than now.
@@ -77,6 +47,8 @@ class WorldBoard:
         self._to_board: list[tuple[int, bytes]] = []
         self._to_host: list[tuple[int, bytes]] = []
         self.arrived = b""
+        # Before this time, nothing happens.
+        self.due_ns = 0
 
     @property
     def present(self) -> bool:
@@ -90,6 +62,7 @@ class WorldBoard:
 
     def repair(self) -> None:
         """End all faults: the operator has checked board and cable."""
+        self.due_ns = 0
         self.faults.clear()
         self.board.set_faults(())
         self.extra_ns = self.splits = 0
@@ -99,10 +72,12 @@ class WorldBoard:
 
     def garbage(self, data: bytes) -> None:
         """Let bytes arrive that nobody sent."""
+        self.due_ns = 0
         self._to_host.append((self._scheduler.now_ns, data))
 
     def sent(self, data: bytes) -> None:
         """Take bytes from the host."""
+        self.due_ns = 0
         self._to_board.append((self._arrival_ns(self._to_board, len(data)), data))
 
     def next_ns(self) -> int:
@@ -113,11 +88,14 @@ class WorldBoard:
 
     def advance(self) -> None:
         """Do all that is due, in the order of time."""
+        if self._scheduler.now_ns < self.due_ns:
+            return
         before, self._scheduler.aside = self._scheduler.aside, True
         try:
             self._advance()
         finally:
             self._scheduler.aside = before
+        self.due_ns = min(self.next_ns(), self._scheduler.now_ns + _TICK_NS)
 
     def _advance(self) -> None:
         now_ns = self._scheduler.now_ns
@@ -201,7 +179,7 @@ class WorldLine:
             board.advance()
             return len(board.arrived) >= size or not board.present
 
-        scheduler.wait(there, scheduler.now_ns + wait_ns, board.next_ns)
+        scheduler.wait(there, scheduler.now_ns + wait_ns, lambda: board.due_ns)
         self._check()
         data, board.arrived = board.arrived[:size], board.arrived[size:]
         return data

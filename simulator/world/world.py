@@ -16,7 +16,6 @@ from rig import Rig, RigConfig
 from rig.board import Board
 from rig.host import clock, files, lines, program, threads
 from rig.shooting import lights_off
-from simulator.bench.state import BenchState
 from simulator.camera.sensor import ImageFormation
 from simulator.led_board.faults import BoardFault, FaultKind
 from simulator.scene.rig_scenes import bench_sensor
@@ -64,6 +63,8 @@ class World:
     ----------
     met
         The faults that have happened.
+    powered
+        Whether the power held until the end of the last program.
     second
         Starts the program of a second operator; None for none.
     """
@@ -83,7 +84,7 @@ class World:
         (folder / "disk").mkdir()
         self.disk = Disk(folder / "disk", self.scheduler.random, self.scheduler.step, self._pause)
         self.disk.owner = lambda: self.scheduler.program
-        self.board = WorldBoard(self.scheduler, folder / "bench.state", leds)
+        self.board = WorldBoard(self.scheduler, leds)
         self.camera: WorldCamera | None = None
         self.config = RigConfig(
             name=_PORT,
@@ -97,19 +98,19 @@ class World:
         self._left = list(schedule.events)
         self._log = log
         self._clock_off = timedelta()
-        self._powered = True
+        self.powered = True
         self.programs: list[Program] = []
         self.rotted: set[str] = set()
 
     def run(self, name: str, main: Callable[[], object]) -> Program:
         """Run a program in the world to its end, or until it or the power is gone."""
-        self._powered = True
+        self.powered = True
         with self._installed():
             ended = self.scheduler.run(name, main)
         for one in [ended, *self.programs]:
             self.disk.close_all(one)
         lights_off.watched.clear()
-        if not self._powered:
+        if not self.powered:
             self.disk.power_loss()
         return ended
 
@@ -117,9 +118,7 @@ class World:
         """Open the rig of the world; to be called in it."""
         board = Board(_PORT)
         try:
-            self.camera = WorldCamera(
-                self.leds, BenchState(self.board.path), ImageFormation(bench_sensor())
-            )
+            self.camera = WorldCamera(self.leds, self.board.view, ImageFormation(bench_sensor()))
             return Rig(board, self.camera, self.config)
         except BaseException:
             board.close()
@@ -130,7 +129,7 @@ class World:
         scheduler = self.scheduler
         end_ns = scheduler.now_ns + round(seconds * 1e9)
         while scheduler.now_ns < end_ns:
-            scheduler.now_ns = max(scheduler.now_ns + 1, min(end_ns, self.board.next_ns()))
+            scheduler.now_ns = max(scheduler.now_ns + 1, min(end_ns, self.board.due_ns))
             self.board.advance()
 
     def repair(self) -> None:
@@ -146,7 +145,7 @@ class World:
         """Write a line to the log."""
         if self._log is not None:
             at = f"{self.scheduler.now_ns / 1e9:12.6f} s  {self.scheduler.steps:6d}"
-            self._log(f"{at}  {line}")
+            self._log(f"{at}  {line.replace(str(self.disk.root), '')}")
 
     def _step(self, name: str) -> None:
         task = self.scheduler.current
@@ -185,7 +184,7 @@ class World:
         elif kind == "clock-step":
             self._clock_off += timedelta(minutes=value - 150)
         elif kind == "power-loss":
-            self._powered = False
+            self.powered = False
             for one in self._running():
                 scheduler.kill(one)
         elif kind == "second" and self.second is not None:
@@ -232,9 +231,17 @@ class World:
             (program, "send_to_itself", self._send_to_itself),
             (lines, "open_line", self._open_line),
         ]
-        changes = ("open_file", "close", "write", "write_at", "fsync", "replace", "rename")
-        for name in (*changes, "unlink", "mkdir", "rmdir"):
-            own.append((files, name, getattr(disk, name)))
+        changes: tuple[str, ...] = (
+            "open_file",
+            "close",
+            "write",
+            "write_at",
+            "fsync",
+            "replace",
+            "rename",
+        )
+        changes = (*changes, "unlink", "mkdir", "rmdir")
+        own += [(files, name, getattr(disk, name)) for name in changes]
         own += [
             (time, name, self._refused(name)) for name in ("sleep", "monotonic", "monotonic_ns")
         ]
