@@ -21,7 +21,7 @@ CAMERA_FAULTS: tuple[CameraFault, ...] = get_args(CameraFault)
 # Each LED lights one block of columns most, so that a frame shows which LED was on.
 _BLOCK = 6
 _ROWS = 24
-_FULL, _REST = 3.0, 0.3
+_FULL, _REST = 0.4, 0.04
 
 
 def size_for(leds: int) -> tuple[int, int]:

@@ -47,6 +47,8 @@ _BOARD = (
 # The weight of each kind: most recordings meet many small faults, and few that end a program.
 KINDS: dict[str, float] = {
     **{f"board:{kind}": 1.0 for kind in _BOARD},
+    "board:goes-dark": 4.0,
+    "board:brown-out": 4.0,
     "line:garbage": 3.0,
     "line:delay": 2.0,
     "line:split": 3.0,

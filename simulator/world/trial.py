@@ -22,7 +22,7 @@ from simulator.world.scheduler import Program, StuckError
 from simulator.world.world import World
 
 LEDS = 6
-PLAN = CapturePlan(leds=tuple(range(LEDS)), exposures_us=(500.0, 2000.0), retakes=3)
+PLAN = CapturePlan(leds=tuple(range(LEDS)), exposures_us=(4000.0, 16_000.0), retakes=3)
 _SEQUENCED = PLAN.model_copy(update={"sequence": True})
 _MEMORY = Path("/dev/shm")  # files in memory, where the system has it
 # Programs that an operator starts; nothing happens during the last one.

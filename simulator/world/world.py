@@ -161,10 +161,12 @@ class World:
         """Let a fault happen."""
         place, _, kind = event.kind.partition(":")
         value, scheduler = event.value, self.scheduler
-        if place == "board":
-            # Values in milliseconds, microseconds, bytes and LEDs: all are plausible.
-            led = value % self.leds if kind == "wrong-led" else value
-            self.board.add_fault(BoardFault(kind=cast(FaultKind, kind), value=led))
+        if kind == "brown-out":
+            self.board.board.reset(scheduler.now_ns)
+        elif place == "board":
+            # An LED; milliseconds that are about those of a shot; others are plausible as they are.
+            most = {"wrong-led": self.leds, "goes-dark": 40}.get(kind, value + 1)
+            self.board.add_fault(BoardFault(kind=cast(FaultKind, kind), value=value % most))
         elif kind == "garbage":
             self.board.garbage(scheduler.random.randbytes(value % 40 + 1))
         elif kind == "delay":
