@@ -80,18 +80,18 @@ def find_boards(
             found.setdefault(port, FoundPort(port, None, str(error)))
 
     # Daemon threads: a port whose driver never returns must not keep the program from ending.
-    threads = {
+    asking = {
         port: threads.Thread(target=ask, args=(port,), daemon=True) for port in dict.fromkeys(ports)
     }
-    for thread in threads.values():
+    for thread in asking.values():
         thread.start()
     ends_s = clock.monotonic() + timeout_s + _GRACE_S
-    for thread in threads.values():
+    for thread in asking.values():
         thread.join(max(0.0, ends_s - clock.monotonic()))
     stuck = "LED board on {}: the port takes longer than {:g} s to open or close; check its driver"
     return tuple(
         found.get(port) or FoundPort(port, None, stuck.format(port, timeout_s + _GRACE_S))
-        for port in threads
+        for port in asking
     )
 
 

@@ -1,6 +1,6 @@
 """Recordings in virtual time: the real code, with faults from one seed that are replayable.
 
-``python -m simulator.world --help`` runs many of them.
+``python benchmarks/world.py --help`` tells how to run many of them.
 """
 
 import lazy_loader

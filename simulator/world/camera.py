@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Literal, get_args
 
@@ -51,13 +51,30 @@ def led_of(pixels: AnyArray, black: float) -> int | None:
 class WorldCamera:
     """A `VirtualCamera` with more faults; as `rig.Camera`.
 
+    Parameters
+    ----------
+    leds
+        Number of LEDs.
+    state
+        Where light is seen and exposures are stated.
+    formation
+        How the image forms.
+    faults
+        Faults by frame id.
+
     Attributes
     ----------
     fault
         Fault of the next frame that is triggered.
     """
 
-    def __init__(self, leds: int, state: BenchState, formation: ImageFormation) -> None:
+    def __init__(
+        self,
+        leds: int,
+        state: BenchState,
+        formation: ImageFormation,
+        faults: Mapping[int, CameraFault] | None = None,
+    ) -> None:
         planes = {led: plane(leds, led) for led in (None, *range(leds))}
         self._inner = VirtualCamera(
             planes.__getitem__, size=size_for(leds), bench=state, formation=formation
@@ -68,6 +85,7 @@ class WorldCamera:
         self.close = self._inner.close
         self.fault: CameraFault | None = None
         self._next = 0
+        self._faults = dict(faults or {})
         self._changed: dict[int, CameraFault] = {}
         self._last: CameraFrame | None = None
 
@@ -97,7 +115,7 @@ class WorldCamera:
         return before if fault == "twice" and before is not None else frame
 
     def _break(self) -> None:
-        fault, self.fault = self.fault, None
+        fault, self.fault = self.fault or self._faults.get(self._next), None
         if fault in ("lost", "late", "unplug"):
             self._inner.faults[self._next] = fault
         elif fault is not None:

@@ -56,11 +56,15 @@ class World:
         Number of LEDs of the rig.
     sequences
         Whether the board triggers the camera.
+    formation
+        How images form; that of the bench by default.
     log
         Receives a line for each step; None for no log.
 
     Attributes
     ----------
+    camera_faults
+        Faults by frame id of the cameras that are opened from now on.
     met
         The faults that have happened.
     powered
@@ -76,6 +80,7 @@ class World:
         *,
         leds: int = 6,
         sequences: bool = False,
+        formation: ImageFormation | None = None,
         log: Callable[[str], None] | None = None,
     ) -> None:
         self.schedule = schedule
@@ -86,6 +91,8 @@ class World:
         self.disk.owner = lambda: self.scheduler.program
         self.board = WorldBoard(self.scheduler, leds)
         self.camera: WorldCamera | None = None
+        self.camera_faults: dict[int, CameraFault] = {}
+        self._formation = formation or ImageFormation(bench_sensor())
         self.config = RigConfig(
             name=_PORT,
             driver="world",
@@ -118,7 +125,9 @@ class World:
         """Open the rig of the world; to be called in it."""
         board = Board(_PORT)
         try:
-            self.camera = WorldCamera(self.leds, self.board.view, ImageFormation(bench_sensor()))
+            self.camera = WorldCamera(
+                self.leds, self.board.view, self._formation, self.camera_faults
+            )
             return Rig(board, self.camera, self.config)
         except BaseException:
             board.close()

@@ -136,7 +136,7 @@ class Trial:
         path = self._folder / module
         original = path.read_bytes()
         path.write_text(text, encoding="utf-8")
-        words = [sys.executable, "-P", "-B", "-m", "simulator.world", "--stop"]
+        words = [sys.executable, "-B", "benchmarks/world.py", "--stop"]
         places = {"PYTHONPATH": str(self._folder)}
         try:
             done = subprocess.run(

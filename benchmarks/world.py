@@ -1,4 +1,4 @@
-"""Run recordings in virtual time, or replay one; see ``--help``."""
+"""Recordings in virtual time: many with faults from seeds, or one step by step."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from simulator.world.trial import run, run_seed
 
 _MEMORY = Path("/dev/shm")
 _EXAMPLES = """examples:
-  python -m simulator.world --count 1000
-  python -m simulator.world --seed 17 --log
-  python -m simulator.world --seed 17 --shrink
-  python -m simulator.world --schedule 17.json --log"""
+  python benchmarks/world.py --count 1000
+  python benchmarks/world.py --seed 17 --log
+  python benchmarks/world.py --seed 17 --shrink
+  python benchmarks/world.py --schedule 17.json --log"""
 
 
 def _many(first: int, count: int, workers: int, *, stop: bool) -> int:
@@ -37,7 +37,7 @@ def _many(first: int, count: int, workers: int, *, stop: bool) -> int:
                 failed.append(outcome.schedule.seed)
                 for text in outcome.violations:
                     print(f"seed {outcome.schedule.seed}: {text}")
-                print(f"  python -m simulator.world --seed {outcome.schedule.seed} --log")
+                print(f"  python benchmarks/world.py --seed {outcome.schedule.seed} --log")
                 if stop:
                     pool.shutdown(cancel_futures=True)
                     return 1
@@ -57,7 +57,7 @@ def _many(first: int, count: int, workers: int, *, stop: bool) -> int:
 def main() -> int:
     """Entry point; returns the exit code."""
     parser = argparse.ArgumentParser(
-        prog="python -m simulator.world",
+        prog="python benchmarks/world.py",
         description="Run recordings in virtual time with faults from a seed, and check that "
         "nothing is lost, attributed to a wrong LED, or left lit.",
         epilog=_EXAMPLES,
