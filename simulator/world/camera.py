@@ -66,6 +66,8 @@ class WorldCamera:
     ----------
     fault
         Fault of the next frame that is triggered.
+    dark
+        Number of the next lights that are missing, as with a loose contact.
     """
 
     def __init__(
@@ -75,15 +77,16 @@ class WorldCamera:
         formation: ImageFormation,
         faults: Mapping[int, CameraFault] | None = None,
     ) -> None:
-        planes = {led: plane(leds, led) for led in (None, *range(leds))}
+        self._planes = {led: plane(leds, led) for led in (None, *range(leds))}
         self._inner = VirtualCamera(
-            planes.__getitem__, size=size_for(leds), bench=state, formation=formation
+            self._plane, size=size_for(leds), bench=state, formation=formation
         )
         self.info = self._inner.info
         self.configure = self._inner.configure
         self.disarm = self._inner.disarm
         self.close = self._inner.close
         self.fault: CameraFault | None = None
+        self.dark = 0
         self._next = 0
         self._faults = dict(faults or {})
         self._changed: dict[int, CameraFault] = {}
@@ -113,6 +116,12 @@ class WorldCamera:
             frame = replace(frame, pixels=frame.pixels[:, : -_BLOCK // 2])
         before, self._last = self._last, frame
         return before if fault == "twice" and before is not None else frame
+
+    def _plane(self, led: int | None) -> Float32:
+        if led is not None and self.dark > 0:
+            self.dark -= 1
+            return 0 * self._planes[led]
+        return self._planes[led]
 
     def _break(self) -> None:
         fault, self.fault = self.fault or self._faults.get(self._next), None

@@ -3,8 +3,8 @@
 Files are real, so that the code under test reads them as always. Every change of them is also noted
 in a model of what is certain to be on the disk: the content of a file up to its last fsync, and the
 names of a folder up to its last fsync. After `power_loss` the files are those of one of the states
-that the model allows: of the later writes any part, the last of them torn or filled with zeros, and
-of the later names of each folder the first ones.
+that the model allows: of the later writes any part, the last of them torn or ending in zeros, and of
+the later names of each folder the first ones.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Literal
 
 DiskFault = Literal["full", "read-only", "flush-fails", "slow", "short-write"]
-# Shares of the writes after the last fsync that are torn, or replaced with zeros.
-_TORN, _ZEROS = 0.5, 0.2
+# Share of the last writes that are torn; share of these whose missing part has zeros.
+_TORN, _ZEROS = 0.7, 0.4
 
 
 @dataclass(eq=False)
@@ -307,9 +307,10 @@ class Disk:
         for number, (at, data) in enumerate(node.writes[:kept]):
             piece = data
             if number == kept - 1 and self._random.random() < _TORN:
-                piece = data[: self._random.randint(0, len(data))]
-                if self._random.random() < _ZEROS:
-                    piece = bytes(len(data))
+                end = self._random.choice((self._random.randint(0, len(data)), len(data) - 1))
+                piece = data[:end]
+                if self._random.random() < _ZEROS:  # the size is certain before the content
+                    piece += bytes(len(data) - end)
             node.content[at : at + len(piece)] = piece
 
 

@@ -48,6 +48,9 @@ _BOARD = (
 KINDS: dict[str, float] = {
     **{f"board:{kind}": 1.0 for kind in _BOARD},
     "board:goes-dark": 4.0,
+    "board:lose-trigger": 3.0,
+    "board:double-trigger": 3.0,
+    "lamp:dark": 2.0,
     "board:brown-out": 4.0,
     "line:garbage": 3.0,
     "line:delay": 2.0,

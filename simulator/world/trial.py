@@ -31,6 +31,7 @@ _MOST_PROGRAMS = 30
 _DARK_AFTER_NS = 1_500_000_000
 _SETTLES_S = 3.0
 # Errors that a program may end with: each is one line for the operator.
+_INCONSISTENT = "take them before completing"
 _EXPECTED = (RigError, DataError, StorageError, KeyboardInterrupt, SystemExit)
 
 
@@ -160,7 +161,8 @@ class Trial:
 
     def _check_end(self, ended: Program) -> None:
         error, world = ended.error, self.world
-        if error is not None and not isinstance(error, _EXPECTED):
+        unexpected = not isinstance(error, _EXPECTED) or _INCONSISTENT in str(error)
+        if error is not None and unexpected:
             self._note(f"{ended.name} ended with {type(error).__name__}: {error}")
         world.say(f"{ended.name} ended: {error!r}" if error else f"{ended.name} ended")
         dark_ns = world.scheduler.now_ns
@@ -189,6 +191,12 @@ class Trial:
             yield "the journal has lost lines"
         if self.world.powered and not self.world.rotted and before.kept - now.kept:
             yield f"{len(before.kept - now.kept)} files of frames have disappeared"
+        if now.complete and not before.complete and set(before.damaged) & set(now.damaged):
+            yield "completed although a frame was damaged before"
+        exposures = dict(enumerate(self._plan.exposures_us))
+        for line in now.frames:
+            if line["role"] == "light" and line["exposure_us"] != exposures[line["bracket"]]:
+                yield f"{line['file']} was exposed for {line['exposure_us']} us"
         for file in now.damaged:
             if Path(file).name not in self.world.rotted:
                 yield f"{file} is not what the journal describes"
@@ -202,6 +210,8 @@ class Trial:
     def _check_verify(self, now: SessionState, ended: Program) -> None:
         """Compare what `verify_session` says with the state of the disk."""
         said = verify_session(self.session)
+        if not self.world.rotted and said.problems:
+            self._note(f"{ended.name}: verify finds {said.problems[0]}")
         if sorted(said.damaged) != sorted({Path(name).name for name in now.damaged}):
             self._note(
                 f"{ended.name}: verify says {said.damaged} are damaged, they are {now.damaged}"
@@ -212,7 +222,7 @@ class Trial:
         missing = len(planned) - len(now.taken)
         if len(said.missing) != missing:
             self._note(f"{ended.name}: verify misses {len(said.missing)} shots, it is {missing}")
-        if now.complete and missing and not now.damaged:
+        if now.complete and missing:
             self._note(f"{ended.name}: complete with {missing} shots missing")
 
 

@@ -174,14 +174,19 @@ class World:
             self.board.board.reset(scheduler.now_ns)
         elif place == "board":
             # An LED; milliseconds that are about those of a shot; others are plausible as they are.
-            most = {"wrong-led": self.leds, "goes-dark": 40}.get(kind, value + 1)
-            self.board.add_fault(BoardFault(kind=cast(FaultKind, kind), value=value % most))
+            most = {"wrong-led": self.leds, "goes-dark": 30}.get(kind, value + 1)
+            lights = "FLASH" if self.config.trigger == "board" else "ON"
+            verb = lights if kind in ("wrong-led", "goes-dark") else None
+            fault = BoardFault(kind=cast(FaultKind, kind), verb=verb, value=value % most)
+            self.board.add_fault(fault)
         elif kind == "garbage":
             self.board.garbage(scheduler.random.randbytes(value % 40 + 1))
         elif kind == "delay":
             self.board.extra_ns = value * 1_000_000 if self.board.extra_ns == 0 else 0
         elif kind == "split":
             self.board.splits += value
+        elif place == "lamp" and self.camera is not None:
+            self.camera.dark = value % 3 + 1
         elif place == "camera" and self.camera is not None:
             self.camera.fault = cast(CameraFault, kind)
         elif kind == "rot":

@@ -21,43 +21,6 @@ _LINES, _CHECK = "acquisition/session/journal.py", "acquisition/session/frame_ch
 DEFECTS = (
     # The board and its line.
     Planted(
-        "a repetition is a new command",
-        _LINE,
-        "            self._send(command, darkened)\n            reply = self._await(command, REPLY",
-        "            command = self._next(verb, args)\n            self._send(command, darkened)\n"
-        "            reply = self._await(command, REPLY",
-    ),
-    Planted(
-        "a reply to any command of the verb is accepted",
-        _LINE,
-        "return reply.seq == command.seq and reply.verb == command.verb",
-        "return reply.verb == command.verb",
-    ),
-    Planted(
-        "commands are sent after an emergency OFF",
-        _LINE,
-        "        self._darkened += 1\n",
-        "",
-    ),
-    Planted(
-        "an emergency OFF is no command",
-        _LINE,
-        'encode_command(Command(apart, "OFF"))',
-        'encode_command(Command(apart, "ID"))',
-    ),
-    Planted(
-        "no checksum",
-        "rig/board/protocol.py",
-        'if int(match["crc"], 16) != crc16(match["body"]):',
-        'if int(match["crc"], 16) < 0:',
-    ),
-    Planted(
-        "the echo of ON is not compared",
-        _BOARD,
-        'outcome = self._echoed("ON", str(led), str(hold_ms))',
-        'outcome = self._line.ask("ON", str(led), str(hold_ms)).done()',
-    ),
-    Planted(
         "OFF reports the LED of the command before",
         _BOARD,
         "        return BoardEcho(outcome.seq, outcome.led(0))",
@@ -92,18 +55,6 @@ DEFECTS = (
         '    return Shot(frame, led, echo)\n    check_id(camera, frame, frame_id, f"the shot',
     ),
     Planted(
-        "a dark frame without OFF",
-        _SHOOTING,
-        "    if led is None:\n        board.off()\n    else:",
-        "    if led is None:\n        pass\n    else:",
-    ),
-    Planted(
-        "the light of a flash is not checked",
-        _SHOOTING,
-        "    if report.led != led:\n",
-        "    if report.led != led and led is None:\n",
-    ),
-    Planted(
         "a flash may end before the exposure",
         _SHOOTING,
         "    if report.cut_off or (lit_us < times.needed_us and not seen):",
@@ -134,46 +85,7 @@ DEFECTS = (
         "        else:\n            yield shot",
         "        yield shot",
     ),
-    # The end of a program.
-    Planted(
-        "no OFF after an error",
-        _RUN,
-        "            confirmed = _turn_leds_off(rig, error)",
-        "            confirmed = True",
-    ),
-    Planted(
-        "no OFF at a signal",
-        _OFF,
-        "    for darken in tuple(watched.values()):\n        darken()\n",
-        "",
-    ),
-    Planted(
-        "no OFF when the rig is closed",
-        _RIG,
-        "        closing = board.off, camera.disarm, camera.close, board.close, on_close",
-        "        closing = camera.disarm, camera.close, board.close, on_close",
-    ),
-    Planted(
-        "no OFF after a failed shot",
-        _RIG,
-        "            try:\n                self.board.off()\n"
-        "            except RigError as failure:\n"
-        '                note(error, "LEDs not confirmed off", failure)\n            raise',
-        "            raise",
-    ),
     # The loop of a recording.
-    Planted(
-        "the rig's word is taken for the light",
-        _LOOP,
-        "        conflict = wrong_light(planned, lit)\n",
-        "        conflict = None\n",
-    ),
-    Planted(
-        "a light that contradicts the plan is accepted",
-        _LIGHT,
-        "        if (led is None) if any_led else (led != planned.led):",
-        "        if (led is None) if any_led else False:",
-    ),
     Planted(
         "rejected frames count",
         _LOOP,
@@ -191,12 +103,6 @@ DEFECTS = (
         _LOOP,
         "        self._todo.put_back(group)\n",
         "",
-    ),
-    Planted(
-        "shots are put back in the wrong order",
-        _ORDER,
-        "        self._shots.extendleft(reversed(shots))",
-        "        self._shots.extendleft(shots)",
     ),
     Planted(
         "the session is completed although a write failed",
@@ -260,12 +166,6 @@ DEFECTS = (
         "            files.rename(early, path)\n",
     ),
     Planted(
-        "two threads may write a line at once",
-        _WRITER,
-        "        with self._order:\n            self._use.check_open()",
-        "        if True:\n            self._use.check_open()",
-    ),
-    Planted(
         "lines after a failed line",
         _JOURNAL,
         "        self._unsure = True\n",
@@ -300,18 +200,6 @@ DEFECTS = (
         _FILE,
         "                if path.name not in self._taken and not path.exists():",
         "                if True:",
-    ),
-    Planted(
-        "completion without a look at missing shots",
-        _WRITER,
-        "        if missing:\n            raise DataError(",
-        "        if missing and not self.shots.demanded:\n            raise DataError(",
-    ),
-    Planted(
-        "completion without a look at earlier frames",
-        _WRITER,
-        "            self.proofs.check_all()\n            self.proofs.check_undamaged()\n",
-        "",
     ),
     Planted(
         "rejected frames fulfil the plan",
@@ -351,5 +239,146 @@ DEFECTS = (
         _VERIFY,
         "            damaged.append(frame.path.name)\n",
         "",
+    ),
+    Planted(
+        "the trigger before the LED",
+        _SHOOTING,
+        "        board.on(led, length_ms)\n",
+        "        bench.early = camera.trigger()\n        board.on(led, length_ms)\n",
+    ),
+    Planted(
+        "a hold that is shorter than the exposure",
+        _SHOOTING,
+        "    return min(math.ceil(needed_ms + bench.config.frame_timeout_s * 1000), longest_ms)",
+        "    return min(math.ceil(lit_us / 1000 / 2), longest_ms)",
+    ),
+    Planted(
+        "the frame is attributed to the next LED of the sequence",
+        _SEQUENCE,
+        "        shot = Shot(frame, led, BoardEcho(",
+        "        shot = Shot(frame, leds[(index + 1) % len(leds)], BoardEcho(",
+    ),
+    Planted(
+        "the exposure time is set once",
+        _RIG,
+        "        if self._times is None or self._settings != (exposure_us, gain_db):",
+        "        if self._times is None:",
+    ),
+
+    Planted(
+        "the clock of a flash is fast",
+        "rig/shooting/shot_times.py",
+        "        return math.ceil(self.needed_us * (1 + CLOCK_SHARE) + self.margin_us)",
+        "        return math.ceil(self.needed_us / 2)",
+    ),
+    Planted(
+        "a line has the number of the one before",
+        _JOURNAL,
+        "        self._seq, self._previous = self._seq + 1, own\n        self._unsure = False",
+        "        self._previous = own\n        self._unsure = False",
+    ),
+    Planted(
+        "a line is chained to the one before the last",
+        _JOURNAL,
+        "        self._seq, self._previous = self._seq + 1, own\n        self._unsure = False",
+        "        self._seq += 1\n        self._unsure = False",
+    ),
+    Planted(
+        "lines are written from the start of the journal",
+        _JOURNAL,
+        "os.O_WRONLY | os.O_APPEND)",
+        "os.O_WRONLY)",
+    ),
+    Planted(
+        "fsync of the journal before the write",
+        _STORAGE,
+        "        write_whole(descriptor, data)\n        files.fsync(descriptor)",
+        "        files.fsync(descriptor)\n        write_whole(descriptor, data)",
+    ),
+    Planted(
+        "a shared lock",
+        _STORAGE,
+        "            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)\n"
+        "        except BlockingIOError:\n            files",
+        "            fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)\n"
+        "        except BlockingIOError:\n            files",
+    ),
+    Planted(
+        "a torn line is damage",
+        _LINES,
+        "    return journal(torn=tail)",
+        '    return journal(damage=f"line {number} is damaged: it is torn")',
+    ),
+    Planted(
+        "a torn line counts",
+        _LINES,
+        "    if _seal_of(tail, previous) is not None:",
+        "    if tail:",
+    ),
+    Planted(
+        "the mark of another journal",
+        _WRITER,
+        "completion_mark(self._journal.read_back())",
+        "completion_mark(self._journal.read_back()[:-1])",
+    ),
+    Planted(
+        "rejected frames count when a session is read",
+        _FRAMES,
+        'for seq, frame in takes if frame.line.status == "ok"}',
+        "for seq, frame in takes}",
+    ),
+    Planted(
+        "files without a line stay where they are",
+        _OPENING,
+        "    aside = clear_frames(folder, names, session.set_aside)\n",
+        "    aside: list[str] = []\n",
+    ),
+    Planted(
+        "the shelf of files has one place for each name",
+        _ASIDE,
+        "    return next(path for path in paths if not os.path.lexists(path))",
+        "    return next(paths)",
+    ),
+    Planted(
+        "a frame that was set aside stays in place",
+        _ASIDE,
+        "        if there:\n            _move(frame.path, kept)\n    return tuple(lines)",
+        "    return tuple(lines)",
+    ),
+    Planted(
+        "earlier frames are not read back",
+        _PROOFS,
+        "        damage = frame_damage(frame, self._camera)",
+        "        damage = None",
+    ),
+    Planted(
+        "the hash of the samples misses the last bytes",
+        _FILE,
+        "            of_pixels.update(piece)",
+        "            of_pixels.update(piece[:-2])",
+    ),
+    Planted(
+        "the name of a failed write is given again",
+        _FILE,
+        "                if path.name not in self._taken and not path.exists():",
+        "                if path.name not in self._taken:",
+    ),
+    Planted(
+        "a recorded shot stays missing",
+        _OPEN,
+        "                self._missing.pop(line.key, None)",
+        "                self._missing.get(line.key, None)",
+    ),
+    Planted(
+        "verify does not see that shots are missing",
+        _VERIFY,
+        "        missing=tuple(shot.file for shot in session.missing),",
+        "        missing=(),",
+    ),
+    Planted(
+        "verify takes an incomplete session for a complete one",
+        _VERIFY,
+        "        complete=session.complete,",
+        "        complete=bool(session.recorded),",
     ),
 )
