@@ -15,11 +15,11 @@ PACKAGES = ("rig", "acquisition", "calibration", "processing", "simulator", "sgp
 # At most, for each package: code lines (without docstrings, comments and blanks), names at the
 # top, modules.
 BUDGET = {
-    "rig": (3708, 45, 58),
-    "acquisition": (15173, 63, 151),
+    "rig": (3760, 46, 64),
+    "acquisition": (15180, 63, 151),
     "calibration": (10161, 30, 86),
     "processing": (22193, 61, 202),
-    "simulator": (7323, 28, 65),
+    "simulator": (8850, 28, 76),
     "sgp": (14427, 0, 144),
 }
 WORDS_OF_DOCUMENTS = 60000
