@@ -264,7 +264,6 @@ DEFECTS = (
         "        if self._times is None or self._settings != (exposure_us, gain_db):",
         "        if self._times is None:",
     ),
-
     Planted(
         "the clock of a flash is fast",
         "rig/shooting/shot_times.py",
