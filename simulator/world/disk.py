@@ -3,8 +3,8 @@
 Files are real, so that the code under test reads them as always. Every change of them is also noted
 in a model of what is certain to be on the disk: the content of a file up to its last fsync, and the
 names of a folder up to its last fsync. After `power_loss` the files are those of one of the states
-that the model allows: of the later writes any part, the last of them torn or ending in zeros, and of
-the later names of each folder the first ones.
+that the model allows: of the later writes any part, the last of them torn or ending in zeros, and
+of the later names of each folder the first ones.
 """
 
 from __future__ import annotations
