@@ -289,8 +289,10 @@ def parse_journal(data: bytes) -> Journal:
     if not tail:
         return journal()
     number = len(lines) + 1
-    if _seal_of(tail, previous) is not None:
-        wrong = fault(tail)
+    # A power loss may leave a zero in place of the newline.
+    line = tail.removesuffix(b"\0")
+    if _seal_of(line, previous) is not None:
+        wrong = fault(line)
         return journal(damage=f"line {number} {wrong}") if wrong else journal(unterminated=True)
     # An interrupted write leaves the beginning of a line. A complete line followed by one other
     # byte was not interrupted: its newline was changed afterwards.

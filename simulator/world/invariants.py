@@ -106,9 +106,10 @@ def _chained(data: bytes) -> tuple[list[dict[str, Any]], int]:
     for text in data.splitlines(keepends=True):
         head, seal, tail = text.rpartition(_SEAL)
         own = hashlib.sha256(before + head).hexdigest().encode()
-        if not seal or tail != own + b'"}\n':
+        # A last line counts with or without its newline.
+        if not seal or tail.rstrip(b"\n\0") != own + b'"}':
             break
-        line = json.loads(text)
+        line = json.loads(text.rstrip(b"\0"))
         if line["seq"] != len(lines):
             break
         lines.append(line)

@@ -79,6 +79,27 @@ def test_every_fault_happens_and_is_survived(kind: str) -> None:
     assert outcome.violations == ()
 
 
+# Schedules that broke a promise, and what was wrong.
+FOUND = {
+    "a zero in place of the last newline made the journal damaged": Schedule(
+        100620, (Event(620, "host:power-loss"),)
+    ),
+}
+
+
+@pytest.mark.parametrize("schedule", FOUND.values(), ids=FOUND)
+def test_what_was_found_stays_repaired(schedule: Schedule) -> None:
+    assert run(schedule).violations == ()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["host:power-loss", "program:SIGKILL", "program:SIGTERM"])
+def test_an_end_at_every_fourth_step_is_survived(kind: str) -> None:
+    for step in range(100, 1000, 4):
+        outcome = run(Schedule(step, (Event(step, kind),)))
+        assert outcome.violations == (), step
+
+
 def test_the_second_operator_is_refused_or_has_the_session_alone(tmp_path: Path) -> None:
     lines = lines_of(Schedule(3, (Event(300, "program:second"),)), tmp_path / "w")
     assert any("another process is recording into this session" in line for line in lines)
