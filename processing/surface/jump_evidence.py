@@ -37,8 +37,10 @@ _TURN_BY_NOISE = 2.35
 # normal distribution has this deviation.
 _SIDES = (1, 2, 4, 8)
 _QUIET, _QUIET_DEVIATION = 0.1, 0.12566
-# Shared noise up to this multiple of the usual number of deviations is no rim: the share of a normal
-# distribution beyond it is that of suspect edges without jumps.
+# Noise is shared if it is this many times as large around some squares as around pixels.
+_SHARED = 1.5
+# Shared noise up to this multiple of the usual number of deviations is no rim: the share of noise
+# beyond it is that of suspect edges without jumps.
 _TOGETHER = 1.4
 # The curl is small where a jump has the same height for some pixels: that of this many more pixels
 # along the rim counts.
@@ -159,8 +161,10 @@ def _noise(
         far = max(far, deviation * math.sqrt(side / (2 * side - 1)))
         near = max(near, deviation / math.sqrt(side))
         single = single or far
-    # Large deviations of noise that neighbours share come together and are taken for a rim sooner.
-    return far, near * min(far / single, _TOGETHER) if single else near
+    if far < _SHARED * single:
+        return single, single
+    # Large deviations of shared noise come together, and are sooner taken for a rim.
+    return far, near * _TOGETHER
 
 
 def _median(values: Float32 | Float64) -> float:
