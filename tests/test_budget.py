@@ -18,7 +18,7 @@ BUDGET = {
     "rig": (3708, 45, 58),
     "acquisition": (15173, 63, 151),
     "calibration": (10151, 30, 86),
-    "processing": (22109, 61, 200),
+    "processing": (22410, 61, 202),
     "simulator": (7323, 28, 65),
     "sgp": (14412, 0, 144),
 }
