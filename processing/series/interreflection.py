@@ -58,8 +58,8 @@ class Interreflection(NamedTuple):
         """Whether light was subtracted."""
         if self.light is None:
             text = (
-                "no light that the object reflects onto itself was subtracted: it explains "
-                f"{self.explained:.0%} of the brightness of attached shadows, and 50% are required"
+                "no light that the object reflects onto itself was subtracted: attached shadows do "
+                f"not show it (it explains {self.explained:.0%} of their brightness, not half)"
             )
         else:
             share = float(np.mean(np.abs(self.light.shares)))
