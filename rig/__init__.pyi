@@ -3,6 +3,7 @@ from . import camera as camera
 from . import config as config
 from . import files as files
 from . import genicam as genicam
+from . import host as host
 from . import kernels as kernels
 from . import messages as messages
 from . import processes as processes

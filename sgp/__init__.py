@@ -7,7 +7,7 @@ if TYPE_CHECKING:
     from sgp.results import ResultRecord as ResultRecord
     from sgp.results import read_record as read_record
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 __all__ = ["ResultRecord", "capture", "main", "read_record"]
 
 

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
-from cyclopts import App, CycloptsError, Group, Parameter
+from cyclopts import App, CycloptsError, Group, Parameter, UnknownCommandError
 
 from sgp import __version__
 from sgp.cli.help import HelpPage, PlainConsole, flowing, usage_complaint
@@ -247,6 +247,7 @@ def run(app: App, tokens: list[str]) -> int:
     app.meta.suppress_keyboard_interrupt = False
     fail = functools.partial(_fail, as_json="--json" in tokens, debug="--debug" in tokens)
     try:
+        _refuse_unknown_command(app, _words(tokens))
         outcome = app.meta(
             tokens, exit_on_error=False, print_error=False, result_action="return_value"
         )
@@ -274,6 +275,13 @@ def run(app: App, tokens: list[str]) -> int:
         from sgp.cli.exit import error_text, exit_code
 
         return fail(error, exit_code(error), error_text(error))
+
+
+def _refuse_unknown_command(app: App, words: list[str]) -> None:
+    # The parser itself would answer `nosuch --help` with the help page of the group.
+    chain, apps, unused = app.parse_commands(words, include_parent_meta=False)
+    if unused and apps[-1].default_command is None:
+        raise UnknownCommandError(app=apps[-1], command_chain=chain, unused_tokens=unused)
 
 
 def _show(result: Any, as_json: bool) -> int:

@@ -15,14 +15,14 @@ PACKAGES = ("rig", "acquisition", "calibration", "processing", "simulator", "sgp
 # At most, for each package: code lines (without docstrings, comments and blanks), names at the
 # top, modules.
 BUDGET = {
-    "rig": (3708, 45, 58),
-    "acquisition": (15173, 63, 151),
-    "calibration": (10151, 30, 86),
-    "processing": (22410, 61, 202),
-    "simulator": (7323, 28, 65),
-    "sgp": (14412, 0, 144),
+    "rig": (3760, 46, 64),
+    "acquisition": (15180, 63, 151),
+    "calibration": (10161, 30, 86),
+    "processing": (22494, 61, 204),
+    "simulator": (8850, 28, 76),
+    "sgp": (14427, 0, 144),
 }
-WORDS_OF_DOCUMENTS = 61000
+WORDS_OF_DOCUMENTS = 60000
 # Numbers of calibration/spheres that were chosen, not derived.
 TUNED_CONSTANTS = 263
 STRATA_OF_SGP = 7

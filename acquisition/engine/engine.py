@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
@@ -30,6 +29,7 @@ from acquisition.session.session import Session
 from acquisition.session.session_frame import Damage
 from acquisition.session.writer import SessionWriter
 from rig import Progress, Rig, no_progress
+from rig.host import clock
 
 
 def record(
@@ -304,7 +304,7 @@ def rehearse(
     >>> 0 < seconds < 10
     True
     """
-    began_s = time.monotonic()
+    began_s = clock.monotonic()
     chosen = plan.shots() if shots is None else shots
     done = 0
     for exposure_us, alike in groupby(chosen, key=lambda shot: shot.exposure_us):
@@ -318,7 +318,7 @@ def rehearse(
         for _ in taken:
             done += 1
             on_progress("dry run", done, len(chosen))
-    return time.monotonic() - began_s
+    return clock.monotonic() - began_s
 
 
 def _fitting(

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import signal
-import threading
-import time
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
@@ -37,6 +35,7 @@ from rig import (
     Shot,
     no_progress,
 )
+from rig.host import clock, program, threads
 
 OnFrame = Callable[[FrameLine], None]
 OnEvent = Callable[[str, Mapping[str, Any]], None]
@@ -113,16 +112,16 @@ class StopRequest:
         self._before: Any = None
 
     def __enter__(self) -> Self:
-        if threading.current_thread() is threading.main_thread():
-            before = signal.getsignal(signal.SIGINT)
+        if threads.is_main():
+            before = program.handler_of(signal.SIGINT)
             if callable(before):
                 self._before = before
-                signal.signal(signal.SIGINT, self._handle)
+                program.handle(signal.SIGINT, self._handle)
         return self
 
     def __exit__(self, *_: object) -> None:
         if self._before is not None:
-            signal.signal(signal.SIGINT, self._before)
+            program.handle(signal.SIGINT, self._before)
             self._before = None
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
@@ -402,9 +401,9 @@ class Recording:
     def _pause(self) -> None:
         self._rig.off()
         self.event("paused", reason="frames wait for the disk", waiting=ROOM)
-        began_s = time.monotonic()
+        began_s = clock.monotonic()
         self._queue.wait_for_room()
-        self.event("resumed", seconds=round(time.monotonic() - began_s, 3))
+        self.event("resumed", seconds=round(clock.monotonic() - began_s, 3))
 
     def _failed(self, shot: PlannedShot, error: RigError | DataError) -> None:
         """Note that a shot must be taken again, or raise the error after too many failures."""

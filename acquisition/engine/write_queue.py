@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import threading
-import time
 from collections import deque
 from collections.abc import Callable
 from functools import partial
@@ -12,6 +10,8 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 from acquisition._errors import StorageError
+from rig.host import clock
+from rig.host import threads as host_threads
 
 Result = TypeVar("Result")
 
@@ -60,7 +60,7 @@ class WriteQueue(Generic[Result]):
         self._folder = folder
         self._room = room
         self._stall_s = stall_s
-        self._changed = threading.Condition()
+        self._changed = host_threads.Condition()
         self._waiting: deque[Callable[[Turn], Result]] = deque()
         self._started = 0
         self._finished = 0
@@ -75,7 +75,7 @@ class WriteQueue(Generic[Result]):
         self._idle_left = True
         self._idle_since_s: float | None = None
         self._threads = [
-            threading.Thread(target=self._work, name=f"writer {number}", daemon=True)
+            host_threads.Thread(target=self._work, name=f"writer {number}", daemon=True)
             for number in range(threads)
         ]
         for thread in self._threads:
@@ -130,8 +130,8 @@ class WriteQueue(Generic[Result]):
 
         Raises the same errors as `wait_for_room`.
         """
-        ends_s = time.monotonic() + patience_s
-        self._wait(lambda: self._waits == 0 or time.monotonic() >= ends_s)
+        ends_s = clock.monotonic() + patience_s
+        self._wait(lambda: self._waits == 0 or clock.monotonic() >= ends_s)
 
     def rests(self, patience_s: float) -> bool:
         """Wait at most ``patience_s``; return whether all jobs and all idle work are done.
@@ -143,10 +143,10 @@ class WriteQueue(Generic[Result]):
         BaseException
             The error of a job or of the idle work.
         """
-        ends_s = time.monotonic() + patience_s
+        ends_s = clock.monotonic() + patience_s
         with self._changed:
             while (self._idle_left or self._waits) and self._error is None:
-                now_s = time.monotonic()
+                now_s = clock.monotonic()
                 if self._idle_since_s is not None and now_s - self._idle_since_s > self._stall_s:
                     raise StorageError(
                         f"{self._folder}: reading a frame back has taken "
@@ -168,12 +168,12 @@ class WriteQueue(Generic[Result]):
         bool
             False if a job is still running.
         """
-        ends_s = time.monotonic() + patience_s
+        ends_s = clock.monotonic() + patience_s
         with self._changed:
             self._ended = True
             self._waiting.clear()
             self._changed.notify_all()
-            while self._started > self._finished and (left_s := ends_s - time.monotonic()) > 0:
+            while self._started > self._finished and (left_s := ends_s - clock.monotonic()) > 0:
                 self._changed.wait(left_s)
             return self._started == self._finished
 
@@ -182,10 +182,10 @@ class WriteQueue(Generic[Result]):
         return len(self._waiting) + self._started - self._finished
 
     def _wait(self, until: Callable[[], bool]) -> None:
-        began_s = time.monotonic()
+        began_s = clock.monotonic()
         with self._changed:
             while not until():
-                stalled_s = time.monotonic() - max(began_s, self._moved_s)
+                stalled_s = clock.monotonic() - max(began_s, self._moved_s)
                 if stalled_s > self._stall_s:
                     raise StorageError(
                         f"{self._folder}: no write has finished for {stalled_s:.1f} s, "
@@ -215,7 +215,7 @@ class WriteQueue(Generic[Result]):
         with self._changed:
             while not self._waiting and not self._ended:
                 if self._idle_left and self._idle_since_s is None and self._waits == 0:
-                    self._idle_since_s = time.monotonic()
+                    self._idle_since_s = clock.monotonic()
                     return 0, None
                 self._changed.wait()
             if self._ended:
@@ -260,5 +260,5 @@ class WriteQueue(Generic[Result]):
 
     def _end_one(self) -> None:
         self._finished += 1
-        self._moved_s = time.monotonic()
+        self._moved_s = clock.monotonic()
         self._changed.notify_all()

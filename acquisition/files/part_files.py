@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 import stat
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from acquisition._errors import StorageError
+from rig.host import clock, files
 
 if sys.platform == "win32":
     BINARY = os.O_BINARY
@@ -82,15 +82,15 @@ class Part:
     def __init__(self, path: Path) -> None:
         self.path = part_path(path)
         self.descriptor = -1
-        patience = time.monotonic() + _TURN_S
+        patience = clock.monotonic() + _TURN_S
         while not self._create():
-            if time.monotonic() > patience:
+            if clock.monotonic() > patience:
                 raise StorageError(
                     f"{path}: another process is writing it: wait for it to end, or choose another "
                     "name"
                 )
             if not clear(self.path):
-                time.sleep(_PAUSE_S)
+                clock.sleep(_PAUSE_S)
 
     def is_there(self) -> bool:
         """Return whether the file still has its name."""
@@ -99,13 +99,13 @@ class Part:
     def close(self) -> None:
         """Close the file and release the lock; harmless if repeated."""
         if self.descriptor >= 0:
-            os.close(self.descriptor)
+            files.close(self.descriptor)
             self.descriptor = -1
 
     def _create(self) -> bool:
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | NO_LINK | BINARY
         try:
-            self.descriptor = os.open(self.path, flags, 0o666)
+            self.descriptor = files.open_file(self.path, flags, 0o666)
         except FileExistsError:
             return False
         # Another process may have removed it as abandoned before it was locked.
@@ -125,24 +125,24 @@ def clear(part: Path) -> bool:
             )
         if stat.S_ISREG(kind):
             return _clear_abandoned(part)
-        part.unlink()
+        files.unlink(part)
     return True
 
 
 def _clear_abandoned(part: Path) -> bool:
     try:
-        descriptor = os.open(part, os.O_WRONLY | NO_LINK | BINARY)
+        descriptor = files.open_file(part, os.O_WRONLY | NO_LINK | BINARY)
     except PermissionError:  # removing a file requires permission on its folder only
-        part.unlink()
+        files.unlink(part)
         return True
     try:
         # If a third process was faster, the name now belongs to another file.
         free = lock_file(descriptor)
         if free and _is_at(descriptor, part):
-            part.unlink()
+            files.unlink(part)
         return free
     finally:
-        os.close(descriptor)
+        files.close(descriptor)
 
 
 def _is_at(descriptor: int, path: Path) -> bool:
@@ -168,7 +168,7 @@ def temporary(path: Path) -> Iterator[Part]:
         # If the process is killed here, the next write to the same path removes the file.
         with suppress(OSError):
             if part.is_there():
-                part.path.unlink()
+                files.unlink(part.path)
         part.close()
 
 

@@ -13,7 +13,7 @@ import os
 import stat
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from acquisition._errors import DataError, SessionInUseError, StorageError
@@ -23,6 +23,7 @@ from acquisition.files.part_files import is_part_file as is_part_file
 from acquisition.files.part_files import part_path as part_path
 from rig import SgpError
 from rig.files import note_read
+from rig.host import files
 
 if sys.platform != "win32":
     import fcntl
@@ -129,13 +130,13 @@ def published(path: Path) -> Iterator[Part]:
             part = kept.enter_context(temporary(path))
         yield part
         with disk(path, "write"):
-            os.fsync(part.descriptor)
+            files.fsync(part.descriptor)
             check_publishing()
             if not part.is_there():
                 raise StorageError(f"{part.path}: was replaced by another program: try again")
             if sys.platform == "win32":  # Windows cannot rename an open file
                 part.close()
-            os.replace(part.path, path)
+            files.replace(part.path, path)
             sync_folder(path.parent)
 
 
@@ -260,10 +261,10 @@ def open_binary(path: Path, flags: int) -> int:
 
 
 def _open(path: Path, flags: int) -> int:
-    descriptor = os.open(path, flags | BINARY, 0o666)
+    descriptor = files.open_file(path, flags | BINARY, 0o666)
     if stat.S_ISREG(note_read(path, descriptor).st_mode):
         return descriptor
-    os.close(descriptor)
+    files.close(descriptor)
     raise _irregular(path)
 
 
@@ -275,21 +276,21 @@ def append_durably(descriptor: int, path: Path, data: bytes) -> None:
     """Append to an open file and fsync it. After an error the end of the file is unknown."""
     with disk(path, "append"):
         write_whole(descriptor, data)
-        os.fsync(descriptor)
+        files.fsync(descriptor)
 
 
 def write_whole(descriptor: int, data: bytes | memoryview) -> None:
     """Write all bytes: the system may accept only some of them per call."""
     view = memoryview(data)
     while view:
-        view = view[os.write(descriptor, view) :]
+        view = view[files.write(descriptor, view) :]
 
 
 def write_whole_at(descriptor: int, data: memoryview, offset: int) -> None:
     """Write all bytes at an offset of an open file."""
     done = 0
     while done < len(data):
-        done += os.pwrite(descriptor, data[done:], offset + done)
+        done += files.write_at(descriptor, data[done:], offset + done)
 
 
 def make_folder(folder: Path) -> None:
@@ -305,7 +306,11 @@ def make_folder(folder: Path) -> None:
     """
     with disk(folder, "create the folder"):
         new = [parent for parent in (folder, *folder.parents) if not parent.exists()]
-        folder.mkdir(parents=True, exist_ok=True)
+        for parent in reversed(new):
+            with suppress(FileExistsError):  # another program was faster
+                files.mkdir(parent)
+        if not folder.is_dir():
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(folder))
         for created in new:
             sync_folder(created.parent)
 
@@ -318,14 +323,14 @@ def sync_folder(folder: Path) -> None:
     """
     if sys.platform == "win32":
         return
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    descriptor = files.open_file(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        os.fsync(descriptor)
+        files.fsync(descriptor)
     except OSError as error:
         if error.errno != errno.EINVAL:
             raise
     finally:
-        os.close(descriptor)
+        files.close(descriptor)
 
 
 def lock_folder(folder: Path, doing: str = "recording into this session") -> int:
@@ -342,18 +347,18 @@ def lock_folder(folder: Path, doing: str = "recording into this session") -> int
         If the file system does not support locks.
     """
     if sys.platform == "win32":
-        return os.open(os.devnull, os.O_RDONLY)
+        return files.open_file(os.devnull, os.O_RDONLY)
     with disk(folder, "lock"):
-        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        descriptor = files.open_file(folder, os.O_RDONLY | os.O_DIRECTORY)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            os.close(descriptor)
+            files.close(descriptor)
             raise SessionInUseError(
                 f"{folder}: another process is {doing}; wait for it to end or choose another folder"
             ) from None
         except BaseException:
-            os.close(descriptor)
+            files.close(descriptor)
             raise
     return descriptor
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -34,6 +33,7 @@ from acquisition.values.lights import Lights
 from acquisition.values.running_numbers import running_number
 from acquisition.values.transfer_curve import LINEAR, TransferCurve
 from rig import Notice, Progress, no_progress, pluralize, short_repr
+from rig.host import clock
 
 _POLL_S: Final = 0.2
 _WATCHED: Final = "watched"
@@ -162,19 +162,19 @@ class _Watcher:
 
     def run(self) -> WatchResult:
         """Poll the folder until all shots are recorded or the timeout has passed."""
-        changed_s = time.monotonic()
+        changed_s = clock.monotonic()
         while self._missing:
             if self._files.scan():
-                changed_s = time.monotonic()
+                changed_s = clock.monotonic()
             self._files.report_overwritten()
-            late = time.monotonic() - changed_s >= self.watch.timeout_s
+            late = clock.monotonic() - changed_s >= self.watch.timeout_s
             if late:
                 self._files.wait_no_longer()
             recorded = self._record(self._match(decide=late))
             if late:
                 break
             if not recorded:
-                time.sleep(_POLL_S)
+                clock.sleep(_POLL_S)
         return self._result()
 
     def close(self) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import stat
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +16,7 @@ from acquisition.source.series_facts import raw_preferred_notice
 from acquisition.values.image_names import SUFFIXES, is_raw
 from acquisition.values.running_numbers import in_order
 from rig import MAX_PIXELS, Notice
+from rig.host import clock
 
 # Suffixes of the images that cameras store next to camera RAW.
 _OF_PAIRS: Final = (".jpg", ".jpeg")
@@ -96,7 +96,7 @@ class WatchedFolder:
         DataError
             If the folder cannot be listed.
         """
-        now = time.monotonic()
+        now = clock.monotonic()
         files: dict[str, _File] = {}
         try:
             for path in self.folder.iterdir():
@@ -156,11 +156,11 @@ class WatchedFolder:
         """Return whether the same exposure may still appear as camera RAW."""
         if self._raw is not None or self._pair_since_s is None or not _of_pair(name):
             return False
-        return time.monotonic() - self._pair_since_s < self.pair_s
+        return clock.monotonic() - self._pair_since_s < self.pair_s
 
     def age_s(self, name: str) -> float:
         """Return the time for which a file has been unchanged, seconds."""
-        return time.monotonic() - self._files[name].since_s
+        return clock.monotonic() - self._files[name].since_s
 
     def arrival(self, name: str) -> Arrival | None:
         """Return the arrival of a file for matching, or None if the file is not complete yet."""

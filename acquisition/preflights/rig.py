@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import time
 from pathlib import Path
 
 from acquisition._errors import DataError, StorageError
@@ -14,6 +13,7 @@ from acquisition.plan.plan import CapturePlan
 from acquisition.preflights.check import Check, State
 from acquisition.selftests.led_test import selftest
 from rig import Rig, pluralize
+from rig.host import clock, files
 
 FULL_LEVEL = 4095
 _HOT_C = 70.0
@@ -199,11 +199,11 @@ def _probe(place: Path) -> float:
     """Write, flush, read back and remove a file; return megabytes per second."""
     data = os.urandom(_PROBE_BYTES)
     with disk(place, "write a file here"), temporary(place / "sgp-probe") as part:
-        began_s = time.monotonic()
+        began_s = clock.monotonic()
         write_whole(part.descriptor, data)
-        os.fsync(part.descriptor)
+        files.fsync(part.descriptor)
         sync_folder(place)
-        seconds = time.monotonic() - began_s
+        seconds = clock.monotonic() - began_s
         same = read_back(part.path) == data
     if not same:
         raise StorageError(

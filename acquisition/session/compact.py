@@ -37,6 +37,7 @@ from acquisition.session.opening import lock_session
 from acquisition.session.session import Session, examine
 from acquisition.session.session_frame import SessionFrame
 from rig import Progress, no_progress
+from rig.host import files
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,7 @@ def compact_session(
         session = examination.sound()
         return _Compactor(folder, examination.journal, session).run(on_progress)
     finally:
-        os.close(lock)
+        files.close(lock)
 
 
 class _Compactor:
@@ -195,7 +196,7 @@ class _Compactor:
         journal.append(EventLine, {"event": COMPACTED, "details": details})
         self._names.add(new.name)
         with disk(frame.path, "remove"):
-            frame.path.unlink()
+            files.unlink(frame.path)
         return len(data)
 
     def _drop_original(self, frame: SessionFrame) -> None:
@@ -205,7 +206,7 @@ class _Compactor:
             return
         frame.read()
         with disk(original, "remove"):
-            original.unlink()
+            files.unlink(original)
 
     def _free_path(self, path: Path) -> Path:
         """Return a path for a compressed file that no journal line names."""
@@ -226,7 +227,7 @@ class _Compactor:
             make_folder(aside.parent)
             with disk(mark, "set aside"):
                 write_durably(aside, read_file(mark))
-                mark.unlink()
+                files.unlink(mark)
                 sync_folder(self._folder)
         details = {"software_version": software_version(), "unrecorded": []}
         path = self._folder / JOURNAL
@@ -246,7 +247,7 @@ class _Compactor:
         # A read-only disk refuses even to remove a file that does not exist.
         if os.path.lexists(aside) and not leaves(aside.parent, self._folder):
             with disk(aside, "remove"):
-                aside.unlink()
+                files.unlink(aside)
 
     def _sweep(self) -> None:
         """Remove compressed files whose event was never written."""

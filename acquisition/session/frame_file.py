@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import threading
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from acquisition.pixels.plain_rows import plain_tiff_header
 from acquisition.plan.plan import CapturePlan
 from acquisition.plan.planned_shot import PlannedShot
 from rig.arrays import UInt16
+from rig.host import threads
 
 # Size of the pieces, small enough to be hashed while still in the cache.
 _PIECE: Final = 1 << 20
@@ -39,7 +39,7 @@ class FrameNames:
         self._folder = folder
         self._first_retake = 1 if plan is None else max(plan.repeats, plan.flats)
         self._taken = set(taken)
-        self._lock = threading.Lock()
+        self._lock = threads.Lock()
 
     @contextmanager
     def reserve(self, shot: PlannedShot) -> Iterator[Path]:

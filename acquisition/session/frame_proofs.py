@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
@@ -13,6 +12,7 @@ from acquisition.session.manifest import CameraRecord
 from acquisition.session.session import Examination, examine
 from acquisition.session.session_frame import Damage, SessionFrame
 from rig import Progress, no_progress
+from rig.host import threads
 
 CHECKING: Final = "checking recorded frames"
 
@@ -44,7 +44,7 @@ class FrameProofs:
         self._done = 0
         self._intact: dict[int, _Signature | None] = {}
         self._damage: dict[int, Damage] = {}
-        self._lock = threading.Lock()
+        self._lock = threads.Lock()
 
     @property
     def checked(self) -> tuple[int, int]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
@@ -22,6 +22,7 @@ from acquisition.session.journal import (
     encode_line,
     parse_journal,
 )
+from rig.host import clock, files
 from rig.messages import validation_message
 
 Clock = Callable[[], datetime]
@@ -30,7 +31,7 @@ AnyLine = TypeVar("AnyLine", bound=Line)
 
 def utc_now() -> datetime:
     """Return the current time. It is for people; the order of lines is given by ``seq``."""
-    return datetime.now(UTC)
+    return clock.utc_now()
 
 
 class JournalFile:
@@ -117,7 +118,7 @@ class JournalFile:
     def close(self) -> None:
         """Close the file; harmless if repeated."""
         if self._descriptor >= 0:
-            os.close(self._descriptor)
+            files.close(self._descriptor)
             self._descriptor = -1
 
     def _seal(self, kind: type[AnyLine], values: Mapping[str, Any]) -> tuple[AnyLine, bytes, str]:

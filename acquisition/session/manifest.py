@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
 from math import isqrt
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
@@ -27,6 +26,7 @@ from acquisition.values.camera_model import CameraModel
 from acquisition.values.lights import Lights
 from acquisition.values.noise_model import NoiseModel
 from rig import Mounting
+from rig.host import clock
 
 FORMAT_VERSION: Final = 5
 _READ: Final = (1, 2, 3, 4, FORMAT_VERSION)
@@ -314,7 +314,7 @@ class Manifest(Table):
         lights = calibrations.lights
         texts = asdict(labels)
         values = {
-            "started_utc": datetime.now(UTC),
+            "started_utc": clock.utc_now(),
             "object": texts.pop("object_name"),
             **texts,
             "camera": camera,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from pathlib import Path
 
 from acquisition._errors import DataError
@@ -10,6 +9,7 @@ from acquisition.plan.plan import CapturePlan
 from acquisition.plan.planned_shot import PlannedShot
 from acquisition.session.journal import EventLine, FrameLine, Line
 from acquisition.session.session import Session
+from rig.host import threads
 
 
 class OpenShots:
@@ -28,7 +28,7 @@ class OpenShots:
         self._planned = None if plan is None else {shot.key: shot for shot in shots}
         self._missing = {shot.key: shot for shot in (shots if session is None else session.missing)}
         self._demanded = len(shots) - (0 if session is None else len(session.left_out))
-        self._lock = threading.Lock()
+        self._lock = threads.Lock()
 
     @property
     def missing(self) -> tuple[PlannedShot, ...]:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from acquisition._errors import StorageError
+from rig.host import threads
 
 
 class SharedUse:
@@ -24,7 +24,7 @@ class SharedUse:
     def __init__(self, folder: Path, release: Callable[[], None]) -> None:
         self._folder = folder
         self._release = release
-        self._lock = threading.Lock()
+        self._lock = threads.Lock()
         self._users = 0
         self._closed = False
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -29,6 +27,7 @@ from acquisition.session.session_frame import SessionFrame
 from acquisition.session.shared_files import SharedUse
 from rig import Progress, no_progress, pluralize
 from rig.arrays import UInt16
+from rig.host import files, threads
 
 
 @dataclass(frozen=True)
@@ -81,7 +80,7 @@ class SessionWriter:
         self.set_aside_events = opened.set_aside_events
         self._journal, self._lock, self.proofs = opened.journal, opened.lock, opened.proofs
         self._use = SharedUse(self.folder, self._release)
-        self._order = threading.Lock()  # held while a line is written
+        self._order = threads.Lock()  # held while a line is written
         self._sound = True
         self.shots = OpenShots(self.manifest.plan, session)
         self._version: int = self.manifest.format_version
@@ -315,7 +314,7 @@ class SessionWriter:
 
     def _release(self) -> None:
         self._journal.close()
-        os.close(self._lock)
+        files.close(self._lock)
 
     def _append(self, kind: type[AnyLine], values: Mapping[str, Any]) -> AnyLine:
         with self._order:

@@ -71,8 +71,13 @@ def read_lights(path: str | Path) -> Lights:
         ``.json`` of our own format; ``.lp`` of RTI with a count, then one line ``file x y z`` per
         light; any other text with N rows of three numbers, with or without a name before them; or a
         DiLiGenT folder or its light_directions.txt, in which case light_intensities.txt and
-        filenames.txt are read too. Rows are separated by white space, tabs, commas or semicolons; a
-        first line may name the columns. A fourth number is used as intensity if it varies near 1.
+        filenames.txt are read too. A first line may name the columns; names are in that of
+        ``name``, ``file``, ``filename`` or ``image``, else in the only one of differing words. The
+        separator is the first of semicolon, tab, comma with a space, white space and comma that
+        fits all rows; other commas are decimal commas. A fourth number is an intensity if its
+        column says so, or if it varies within a factor of 2 of 1 (``light-column-assumed``); a
+        constant one is not used, others are refused. Vectors of different lengths, or of 20 and
+        more, count as directions (``light-lengths-unused``).
 
     Returns
     -------

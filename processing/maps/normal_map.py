@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import cv2
 import numba
@@ -11,9 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
+from processing.maps.datasets import dataset_of
 from rig import check_type, in_threads, pluralize
 from rig.arrays import Bool, Float32, Floating, Generic, Int64
 from rig.kernels import PART
+
+if TYPE_CHECKING:
+    import xarray
 
 # Compiled in: rig/kernels/parts.py 986f6e8c38a7
 
@@ -136,6 +141,37 @@ class NormalMap:
         object.__setattr__(made, "normals", normals)
         object.__setattr__(made, "mask", mask)
         return made
+
+    @classmethod
+    def from_xarray(cls, dataset: xarray.Dataset) -> NormalMap:
+        """Make a map from a dataset like that of `to_xarray`, also from a part of it.
+
+        Raises
+        ------
+        DataError
+            If it has no ``normals (row, column, component)`` or ``mask (row, column)``, or they do
+            not fit together.
+        """
+        try:
+            normals = dataset["normals"].sel(component=["x", "y", "z"])
+            normals = normals.transpose("row", "column", "component")
+            mask = dataset["mask"].transpose("row", "column")
+        except (KeyError, ValueError) as error:
+            raise DataError(
+                f"the dataset is not a normal map ({' '.join(str(error).split())}): it needs "
+                "normals (row, column, component) and mask (row, column)"
+            ) from error
+        return cls(normals.to_numpy(), mask.to_numpy())
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return copies of ``normals (row, column, component)`` and ``mask (row, column)``.
+
+        Raises
+        ------
+        ImportError
+            If xarray is not installed.
+        """
+        return dataset_of({"normals": self.normals, "mask": self.mask})
 
     @property
     def size(self) -> tuple[int, int]:

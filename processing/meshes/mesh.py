@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from processing.stages.stage import NormalRows, size_of
 from processing.surface.height_map import HeightMap
 from rig import check_type, short_repr
 from rig.arrays import Bool, Float32, Int32, UInt8
+
+if TYPE_CHECKING:
+    import trimesh
 
 _BAND = 64  # rows
 
@@ -47,6 +50,53 @@ class Mesh:
     places: Float32 | None = None
 
     __repr__ = short_repr
+
+    @classmethod
+    def from_trimesh(cls, mesh: trimesh.Trimesh, unit: Literal["mm", "px"] = "mm") -> Mesh:
+        """Make a mesh of the vertices, faces, normals and colours of one of trimesh.
+
+        Parameters
+        ----------
+        mesh
+            The mesh; it has no texture here.
+        unit
+            Unit of its vertices.
+        """
+        from trimesh.visual import ColorVisuals
+
+        look, colours = mesh.visual, None
+        if isinstance(look, ColorVisuals) and look.kind == "vertex":
+            colours = np.array(look.vertex_colors[:, :3], np.uint8)
+        return cls(
+            np.array(mesh.vertices, np.float32),
+            np.array(mesh.faces, np.int32),
+            np.array(mesh.vertex_normals, np.float32),
+            unit,
+            colours,
+        )
+
+    def to_trimesh(self) -> trimesh.Trimesh:
+        """Return a mesh of trimesh with the same vertices, in the same order.
+
+        Its colours are those of the vertices; without these, `places` are its texture coordinates.
+        """
+        import trimesh
+
+        visual = None
+        if self.colours is None and self.places is not None:
+            # There, the second coordinate grows upwards.
+            uv = np.column_stack([self.places[:, 0], 1 - self.places[:, 1]])
+            visual = trimesh.visual.TextureVisuals(uv=uv)  # type: ignore[no-untyped-call]
+        made = trimesh.Trimesh(
+            self.vertices.copy(),
+            self.faces.copy(),
+            vertex_normals=self.normals,
+            vertex_colors=self.colours,
+            visual=visual,
+            process=False,
+        )
+        made.units = self.unit
+        return made
 
 
 def height_mesh(

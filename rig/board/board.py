@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from typing import Literal
 
@@ -18,6 +17,7 @@ from rig.board.values import (
     Step,
     StepReport,
 )
+from rig.host import clock
 
 # The longest time that an ON and the OFF after it may take.
 ON_OFF_TIMEOUT_S = 2 * ATTEMPTS * REPLY_TIMEOUT_S
@@ -61,7 +61,7 @@ class Board:
         self.port = port
         self._line = BoardLine(port)
         self._uptime_ms = 0
-        self._uptime_asked_s = time.monotonic()
+        self._uptime_asked_s = clock.monotonic()
         with closed_after_errors(self.close):
             self.identity = self._handshake(handshake_timeout_s)
             # A board that resets when its port opens starts after the port was opened: only from
@@ -116,7 +116,7 @@ class Board:
             state=outcome.word(5),
             done=outcome.number(6),
         )
-        self._uptime_ms, self._uptime_asked_s = status.uptime_ms, time.monotonic()
+        self._uptime_ms, self._uptime_asked_s = status.uptime_ms, clock.monotonic()
         return status
 
     def ping(self) -> None:
@@ -130,7 +130,7 @@ class Board:
             Also if the board has restarted since the last query, or refused the pending flash.
         """
         # The query is sent after this, so the board's clock has advanced by at least this time.
-        passed_ms = (time.monotonic() - self._uptime_asked_s) * 1000
+        passed_ms = (clock.monotonic() - self._uptime_asked_s) * 1000
         before_ms = self._uptime_ms
         now_ms = self.status().uptime_ms
         wrapped = before_ms + passed_ms * (1 + _CLOCKS_DIFFER) >= _UPTIME_WRAPS_MS

@@ -3,12 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import os
-import secrets
-import time
 from dataclasses import dataclass
-
-import serial
 
 from rig._errors import BoardError
 from rig.board.protocol import (
@@ -22,6 +17,7 @@ from rig.board.protocol import (
     encode_command,
 )
 from rig.board.replies import Outcome, lost, overtaken, silent
+from rig.host import clock, files, lines, program
 
 # An unplugged port raises any of these; SerialException is an OSError.
 try:
@@ -74,11 +70,11 @@ class BoardLine:
         self._unread: list[bytes] = []
         self._rejected = b""
         # With a random start, late replies to an earlier program do not match.
-        self._seq = secrets.randbelow(SEQUENCE_NUMBERS)
+        self._seq = program.draw_below(SEQUENCE_NUMBERS)
         self._begun: _Begun | None = None
         self._darkened = 0
         try:
-            self._serial = serial.Serial(
+            self._serial = lines.open_line(
                 port,
                 BAUD_RATE,
                 timeout=REPLY_TIMEOUT_S,
@@ -137,7 +133,7 @@ class BoardLine:
             If the connection is lost.
         """
         command = self._next(verb, args)
-        self._begun = _Begun(command, lasts_s, time.monotonic(), self._darkened)
+        self._begun = _Begun(command, lasts_s, clock.monotonic(), self._darkened)
         self._send(command, self._begun.darkened)
 
     def begun(self) -> Outcome | None:
@@ -158,7 +154,7 @@ class BoardLine:
         if begun is None:
             raise BoardError(f"LED board on {self.port}: no command is pending; begin one first")
         timeout_s = begun.lasts_s + REPLY_TIMEOUT_S
-        left_s = begun.began_s + timeout_s - time.monotonic()
+        left_s = begun.began_s + timeout_s - clock.monotonic()
         reply = begun.reply or self._await(begun.command, left_s)
         again = reply is None
         for _ in range(ATTEMPTS - 1):
@@ -220,7 +216,7 @@ class BoardLine:
 
     def _await(self, command: Command, timeout_s: float) -> Reply | None:
         """Return the reply to a command; discard damaged lines and replies to other commands."""
-        deadline = time.monotonic() + timeout_s
+        deadline = clock.monotonic() + timeout_s
         late = False
         while True:
             while self._unread:
@@ -232,7 +228,7 @@ class BoardLine:
             if late:
                 return None
             # After the deadline, bytes that have already arrived are still read, once.
-            left_s = deadline - time.monotonic()
+            left_s = deadline - clock.monotonic()
             late = left_s <= 0
             try:
                 self._serial.timeout = max(0.0, left_s)
@@ -255,11 +251,11 @@ class BoardLine:
             self._serial.write(data)
             return
         try:
-            os.write(fd, data)
+            files.write(fd, data)
         except BlockingIOError:
             # The board does not read: discard what waits to be sent, this OFF matters more.
             self._serial.reset_output_buffer()
-            os.write(fd, data)
+            files.write(fd, data)
 
 
 def _answers(reply: Reply, command: Command) -> bool:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import threading
-import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -12,6 +10,7 @@ from serial.tools import list_ports
 from rig._errors import BoardError
 from rig.board.board import Board
 from rig.board.values import BoardIdentity
+from rig.host import clock, threads
 
 # A board that resets when its port opens may stay in its boot loader for two seconds.
 DISCOVERY_TIMEOUT_S = 3.0
@@ -81,19 +80,18 @@ def find_boards(
             found.setdefault(port, FoundPort(port, None, str(error)))
 
     # Daemon threads: a port whose driver never returns must not keep the program from ending.
-    threads = {
-        port: threading.Thread(target=ask, args=(port,), daemon=True)
-        for port in dict.fromkeys(ports)
+    asking = {
+        port: threads.Thread(target=ask, args=(port,), daemon=True) for port in dict.fromkeys(ports)
     }
-    for thread in threads.values():
+    for thread in asking.values():
         thread.start()
-    ends_s = time.monotonic() + timeout_s + _GRACE_S
-    for thread in threads.values():
-        thread.join(max(0.0, ends_s - time.monotonic()))
+    ends_s = clock.monotonic() + timeout_s + _GRACE_S
+    for thread in asking.values():
+        thread.join(max(0.0, ends_s - clock.monotonic()))
     stuck = "LED board on {}: the port takes longer than {:g} s to open or close; check its driver"
     return tuple(
         found.get(port) or FoundPort(port, None, stuck.format(port, timeout_s + _GRACE_S))
-        for port in threads
+        for port in asking
     )
 
 

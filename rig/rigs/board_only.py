@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import atexit
 from collections.abc import Callable, Sequence
 from typing import Self
 
 from rig._errors import BoardError, close_after, closed_after_errors, note
 from rig.board.board import Board
 from rig.config.rig_file import RigConfig
+from rig.host import program
 from rig.shooting.lights_off import watch
 
 
@@ -49,7 +49,7 @@ class OpenBoard:
                     f"{config.name} is configured with {config.leds}: correct the rig file"
                 )
             board.off()
-        atexit.register(self.close)
+        program.at_exit(self.close)
 
     def close(self) -> None:
         """Turn the LEDs off and close board and camera; closing twice does nothing.
@@ -71,7 +71,7 @@ class OpenBoard:
                     note(first, "on closing", error)
             del self._closing[0]
         self._unwatch()
-        atexit.unregister(self.close)
+        program.not_at_exit(self.close)
         if first is not None:
             raise first
 

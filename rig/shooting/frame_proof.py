@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import time
-
 from rig._errors import CameraError, FrameLostError
 from rig.camera.interface import CameraFrame
+from rig.host import clock
 from rig.shooting.shot import led_name
 from rig.shooting.shot_times import CLOCK_JITTER_US, CLOCK_SHARE, ShotTimes
 
@@ -63,7 +62,7 @@ class FlashChain:
         The longer ago the last flash was, the less the two clocks agree; the margin of the light
         has to cover this uncertainty.
         """
-        since_us = (time.monotonic() - self._last_s) * 1e6 + times.period_us
+        since_us = (clock.monotonic() - self._last_s) * 1e6 + times.period_us
         return self._last_ns is not None and self._open_us(since_us) <= times.margin_us
 
     def begin(self, frame: CameraFrame) -> None:
@@ -126,7 +125,7 @@ class FlashChain:
 
     def _link(self, frame: CameraFrame) -> None:
         self._last_ns = time_ns(frame, self._camera)
-        self._last_s = time.monotonic()
+        self._last_s = clock.monotonic()
 
     @property
     def _rate(self) -> float:

@@ -8,19 +8,18 @@ The board's own watchdog covers the remaining cases (SIGKILL, a call that never 
 
 from __future__ import annotations
 
-import os
 import signal
-import threading
 from collections.abc import Callable
 from types import FrameType
 from typing import Any
 
+from rig.host import program, threads
 from rig.processes.ending import end_program
 
 _NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # Windows has no SIGHUP
 _ENDING = tuple(getattr(signal, name) for name in _NAMES if hasattr(signal, name))
 
-_watched: dict[object, Callable[[], None]] = {}
+watched: dict[object, Callable[[], None]] = {}
 # Handlers of the signals before `watch` replaced them.
 _before: dict[int, Any] = {}
 
@@ -46,42 +45,38 @@ def watch(darken: Callable[[], None]) -> Callable[[], None]:
         nothing.
     """
     key = object()
-    _watched[key] = darken
-    if _on_main_thread():
+    watched[key] = darken
+    if threads.is_main():
         for number in _ENDING:
-            current = signal.getsignal(number)
+            current = program.handler_of(number)
             # None is a handler that is not Python's and could not be restored.
             if current not in (None, signal.SIG_IGN, _darken_and_pass_on):
                 _before[number] = current
-                signal.signal(number, _darken_and_pass_on)
+                program.handle(number, _darken_and_pass_on)
 
     def release() -> None:
-        _watched.pop(key, None)
-        if _watched or not _on_main_thread():
+        watched.pop(key, None)
+        if watched or not threads.is_main():
             return
         for number, before in list(_before.items()):
             # A handler installed since then may still pass the signal on to this one.
-            if signal.getsignal(number) is _darken_and_pass_on:
-                signal.signal(number, before)
+            if program.handler_of(number) is _darken_and_pass_on:
+                program.handle(number, before)
                 del _before[number]
 
     return release
 
 
 def _darken_and_pass_on(number: int, frame: FrameType | None) -> None:
-    for darken in tuple(_watched.values()):
+    for darken in tuple(watched.values()):
         darken()
     before = _before.get(number, signal.SIG_DFL)
     if before is signal.default_int_handler:
         end_program(number, frame)
     elif callable(before):
         before(number, frame)
-    elif before is signal.SIG_DFL and (number == signal.SIGINT or not _watched):
-        signal.signal(number, signal.SIG_DFL)
-        os.kill(os.getpid(), number)
+    elif before is signal.SIG_DFL and (number == signal.SIGINT or not watched):
+        program.handle(number, signal.SIG_DFL)
+        program.send_to_itself(number)
     elif before is signal.SIG_DFL:
         end_program(number, frame)
-
-
-def _on_main_thread() -> bool:
-    return threading.current_thread() is threading.main_thread()

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from itertools import pairwise
 
 from rig._errors import BoardError, CameraError, RigError
 from rig.board.values import BoardEcho, StepReport
+from rig.host import clock
 from rig.messages.notice import pluralize
 from rig.shooting.frame_proof import Spacing
 from rig.shooting.keep_alive import SignOfLife
@@ -53,20 +53,20 @@ def run(bench: Bench, leds: tuple[int | None, ...], times: ShotTimes) -> Iterato
     ids = [camera.expect() for _ in steps]
     paced = bench.config.exposure_active and camera.info.shutter == "global"
     started = board.run(len(steps), "exposure" if paced else "time")
-    begins_s = time.monotonic()
+    begins_s = clock.monotonic()
     alive, spacing = SignOfLife(board.ping), Spacing(camera.info.serial)
     held_back: Shot | None = None
     for index, (led, step) in enumerate(zip(leds, steps, strict=True)):
         lit_s = begins_s + (step.settle_us + step.hold_us) / 1e6
         begins_s = lit_s + step.gap_us / 1e6
-        left_s = max(0.0, lit_s - time.monotonic()) + bench.config.frame_timeout_s
+        left_s = max(0.0, lit_s - clock.monotonic()) + bench.config.frame_timeout_s
         try:
             frame = camera.fetch(ids[index], left_s, alive)
         except CameraError as error:
             where = f"it is step {index} of a sequence, with {led_name(led)}{_progress(bench)}"
             raise explained(error, where, _CHECK) from error
         report = _report(bench, index, lit_s)
-        bench.triggered(times, time.monotonic() - times.needed_us / 1e6)
+        bench.triggered(times, clock.monotonic() - times.needed_us / 1e6)
         check_light(bench, led, times, report)
         what = f"the step of {led_name(led)}"
         check_id(camera, frame, ids[index], what, "take the sequence again")
@@ -84,14 +84,14 @@ def run(bench: Bench, leds: tuple[int | None, ...], times: ShotTimes) -> Iterato
 
 def _report(bench: Bench, index: int, lit_s: float) -> StepReport:
     """Wait for the board's report of a step."""
-    ends_s = max(lit_s, time.monotonic()) + _REPORT_TIMEOUT_S
+    ends_s = max(lit_s, clock.monotonic()) + _REPORT_TIMEOUT_S
     while (report := bench.board.step_report(index)) is None:
-        if time.monotonic() >= ends_s:
+        if clock.monotonic() >= ends_s:
             raise BoardError(
                 f"LED board on {bench.board.port} has not done step {index} of its sequence, "
                 f"although its frame has arrived{_progress(bench)}; take the sequence again"
             )
-        time.sleep(_POLL_S)
+        clock.sleep(_POLL_S)
     return report
 
 

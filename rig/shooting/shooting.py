@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass
 
 from rig._errors import BoardError, CameraError, FrameLostError, FrameTimeoutError, RigError
@@ -11,6 +10,7 @@ from rig.board.board import ON_OFF_TIMEOUT_S, Board
 from rig.board.values import BoardEcho, FlashReport, StepReport
 from rig.camera.interface import Camera, CameraFrame
 from rig.config.rig_file import RigConfig
+from rig.host import clock
 from rig.shooting.frame_proof import FlashChain
 from rig.shooting.keep_alive import SignOfLife
 from rig.shooting.shot import Shot, led_name
@@ -84,20 +84,20 @@ def by_software(bench: Bench, led: int | None, times: ShotTimes) -> Shot:
         If board or camera fail, or the LED was not on until the frame arrived.
     """
     board, camera = bench.board, bench.camera
-    ends_s, begins_s = math.inf, time.monotonic()
+    ends_s, begins_s = math.inf, clock.monotonic()
     # Wait for the camera before turning the LED on, except for the settling time.
     SignOfLife(board.ping).sleep_until(bench.ready_s - times.settle_us / 1e6)
     if led is None:
         board.off()
     else:
         length_ms = hold_ms(bench, times)
-        begins_s = time.monotonic()
+        begins_s = clock.monotonic()
         ends_s = begins_s + length_ms / 1000
         board.on(led, length_ms)
     alive = SignOfLife(lambda: _check_lit(board, led, board.status().led, ends_s, alive), begins_s)
-    alive.sleep_until(max(bench.ready_s, time.monotonic() + times.settle_us / 1e6))
+    alive.sleep_until(max(bench.ready_s, clock.monotonic() + times.settle_us / 1e6))
     frame_id = camera.trigger()
-    bench.triggered(times, time.monotonic())
+    bench.triggered(times, clock.monotonic())
     timeout_s = times.needed_us / 1e6 + bench.config.frame_timeout_s
     frame = camera.fetch(frame_id, timeout_s, alive)
     check_id(camera, frame, frame_id, f"the shot with {led_name(led)}", "shoot again")
@@ -133,7 +133,7 @@ def _flash(bench: Bench, led: int | None, times: ShotTimes, light: str) -> tuple
     SignOfLife(board.ping).sleep_until(bench.ready_s - times.ahead_us / 1e6)
     frame_id = camera.expect()
     report = board.flash(led, times.ahead_us, times.hold_us)
-    bench.triggered(times, time.monotonic() - times.needed_us / 1e6)
+    bench.triggered(times, clock.monotonic() - times.needed_us / 1e6)
     check_light(bench, led, times, report, light)
     pulsed = f"the LED board on {board.port} pulsed its trigger line for {light}"
     check = "check the wire from the board to the camera's line, and trigger_line in the rig file"
@@ -206,7 +206,7 @@ def _check_lit(
             f"computer was too busy to send the board a sign of life for up to {silence_s:.1f} s; "
             "the frame is discarded, end other programs and shoot again"
         )
-    if lit is None and time.monotonic() >= ends_s:
+    if lit is None and clock.monotonic() >= ends_s:
         raise BoardError(
             f"{where}: the hold of {led_name(led)} ended while its frame was awaited, so the frame "
             "is discarded; find out why it was so late, or expose shorter, and shoot again"
@@ -251,10 +251,10 @@ def try_wires(bench: Bench, led: int, times: ShotTimes) -> Wires:
         If the board fails, or if the camera fails for another reason than a missing frame.
     """
     times.check(bench.board.identity)
-    time.sleep(max(0.0, bench.ready_s - time.monotonic()))
+    clock.sleep(max(0.0, bench.ready_s - clock.monotonic()))
     frame_id = bench.camera.expect()
     report = bench.board.flash(led, times.ahead_us, times.hold_us)
-    bench.triggered(times, time.monotonic())
+    bench.triggered(times, clock.monotonic())
     try:
         bench.camera.fetch(frame_id, bench.config.frame_timeout_s)
     except FrameTimeoutError:

@@ -216,7 +216,7 @@ class RecordingOptions:
         Mask image of the object; default: the mask of the source, else one made from the images.
     spheres
         Estimate the lights from chrome spheres that lie next to the object, and leave the spheres
-        out of its mask. lights.json and lights.png are written with the result.
+        out of its mask. With --out, lights.json and lights.png are written, too.
     radius_mm
         With --spheres: radius of the spheres in mm, as for `sgp calibrate spheres`; without it,
         the lights have directions instead of positions. Without the working distance of a camera,
@@ -284,13 +284,13 @@ class RemedyOptions(RecordingOptions):
     light_distance_mm
         Distance in mm of the lights of a list of directions, such as the .lp of a dome, from the
         middle of the object: they are near lights then, which needs a scale. estimate finds it in
-        the images. lights.json with the positions is written with the result.
+        the images. With --out, lights.json with the positions is written, too.
     ambient
         estimate finds a constant light that is in all images, such as that of the room, and
         subtracts it; at least 5 lights at different elevations determine it.
     semi_calibrated
-        Estimate the strengths of the lights with the normals; lights.json with the new intensities
-        and their standard deviations is written with the result.
+        Estimate the strengths of the lights with the normals. With --out, lights.json with the new
+        intensities and their standard deviations is written, too.
     """
 
     light_distance_mm: LightDistance | None = None

@@ -72,7 +72,12 @@ def fitted(line: str, stream: Any) -> str:
     commands in backticks that are longer than a line are not broken.
     """
     width = _columns(stream)
-    if width is None or len(line) <= width:
+    return line if width is None else wrapped(line, width)
+
+
+def wrapped(line: str, width: int) -> str:
+    """Return a line broken between words, see `fitted`."""
+    if len(line) <= width:
         return line
     starts = [match.end() for match in _COLUMN.finditer(line) if match.end() <= _FURTHEST]
     indent = starts[-1] if starts else len(line) - len(line.lstrip()) + 2

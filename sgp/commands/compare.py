@@ -36,7 +36,7 @@ def compare(
     Parameters
     ----------
     a
-        Map to evaluate: image of normals, or folder with normals.* and mask.png.
+        Map to evaluate: image of normals, or folder with normals.* and mask.png, such as a result.
     b
         Reference map.
     mask
@@ -44,7 +44,7 @@ def compare(
     green
         Direction of the green channel in image files.
     out
-        Folder for error.exr, error.png and compare.json.
+        Folder for error.exr, error.png and compare.json; without it, nothing is written.
     max_pixels
         Refuse images with more pixels than this, before decoding them.
     force

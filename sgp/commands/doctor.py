@@ -22,6 +22,7 @@ import acquisition
 import rig
 from sgp.cli.entry import PACKAGES, foreign_package
 from sgp.cli.options import SourceOptions
+from sgp.cli.terminal import wrapped
 from sgp.results import Result
 from sgp.rigs import chosen_rig, config_path, default_rig
 
@@ -45,6 +46,11 @@ class _Found:
     name: str
     state: _State
     text: str
+
+    def lines(self) -> list[str]:
+        """Return lines of at most 80 columns, also for files; paths that are longer are broken."""
+        parts = re.sub(r"\S{60}(?=\S)", r"\g<0> ", self.text)
+        return wrapped(f"{self.state:<8} {self.name:<10} {parts}", 80).split("\n")
 
 
 _Findings = Iterator[tuple[_State, str]]
@@ -74,7 +80,7 @@ def doctor(*, compile_kernels: Annotated[bool, Parameter("--compile")] = False) 
     return Result(
         metrics={"checks": [asdict(one) for one in found]},
         summary=[
-            *(f"{one.state:<8} {one.name:<10} {one.text}" for one in found),
+            *(line for one in found for line in one.lines()),
             ", ".join(several) or "nothing needs attention",
         ],
         ok=counts["error"] == 0,

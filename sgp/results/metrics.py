@@ -56,7 +56,7 @@ class SphereMetrics(TypedDict):
     coverage : 0..1
         visible share of its outline
     rms_px : px
-        scatter of the points of its outline
+        scatter of its edge about its outline; null if only what it mirrors determines the outline
     recording
         the recording that shows it, if there are several recordings
     """

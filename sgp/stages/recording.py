@@ -210,6 +210,11 @@ def compute_normals(
     files: processing.recording.MapFiles | None = None,
 ) -> processing.Reconstruction:
     """Compute normals and show the progress; a notice that an option answers names the option."""
+    if source.lights is None:
+        raise acquisition.DataError(
+            f"{source.path}: these images have no lights: give a list of them (--lights), or find "
+            "them in chrome spheres next to the object (--spheres)"
+        )
     with Stages() as progress:
         made = stage.run(source, files, progress)
     verdict, warnings = with_options(made.verdict, made.warnings)

@@ -36,12 +36,12 @@ from __future__ import annotations
 
 import mmap
 import struct
-import time
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
 from rig import RigError
+from rig.host import clock
 
 RING = 64
 FULL_LEVEL = 4095
@@ -248,14 +248,14 @@ class BenchState(AbstractContextManager["BenchState"]):
 
     def _snapshot(self, counters: struct.Struct, at: int) -> tuple[bytes, tuple[int, ...]]:
         """Return a copy of the file without a partial change of this writer."""
-        ends_s = time.monotonic() + _WRITER_PATIENCE_S
+        ends_s = clock.monotonic() + _WRITER_PATIENCE_S
         while True:
             data = self._map[:]
             counts = counters.unpack_from(data, at)
             if counts[0] % 2 == 0 and counters.unpack_from(self._map, at)[0] == counts[0]:
                 return data, counts
             # The writer died in the middle of a change: waiting longer is useless.
-            if time.monotonic() > ends_s:
+            if clock.monotonic() > ends_s:
                 return data, counts
 
 

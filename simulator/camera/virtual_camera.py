@@ -6,12 +6,12 @@ It runs in the host's process and implements `rig.Camera`; it is not a GenICam d
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Mapping
 from typing import Literal
 
 from rig import CameraError, CameraFrame, CameraInfo, FrameTimeoutError
 from rig.camera import Trigger
+from rig.host import clock
 from simulator.bench.state import BenchState
 from simulator.bench.wiring import Planes
 from simulator.camera.sensor import ImageFormation, pixel_format
@@ -142,13 +142,13 @@ class VirtualCamera:
         self._armed = trigger
         self._stale = False
         self._started.clear()
-        self._pulses_ns = time.monotonic_ns()
+        self._pulses_ns = clock.monotonic_ns()
         self._pulse_id = self._next_id
 
     def trigger(self) -> int:
         """Start one exposure and return the id of its frame."""
         frame_id = self._announce("software")
-        self._expose(frame_id, time.monotonic_ns(), lasting=self._realtime)
+        self._expose(frame_id, clock.monotonic_ns(), lasting=self._realtime)
         return frame_id
 
     def expect(self) -> int:
@@ -171,7 +171,7 @@ class VirtualCamera:
         del self._started[frame_id]
         pixels = self._sensor.pixels(exposure, end_ns, waiting)
         led = self._bench.led(exposure.start_ns)
-        if exposure.end_ns is None and self._bench.led(time.monotonic_ns()) != led:
+        if exposure.end_ns is None and self._bench.led(clock.monotonic_ns()) != led:
             # The board's watchdog cut the light off: the rig discards the frame, and shoots again.
             self._sensor.forget(led, exposure)
             self._lamps_ns = exposure.lamps_ns
@@ -228,7 +228,7 @@ class VirtualCamera:
 
         A fault at a later pulse, for example an unplugged camera, must not lose earlier frames.
         """
-        now_ns = time.monotonic_ns()
+        now_ns = clock.monotonic_ns()
         for pulse in self._bench.triggers():
             if self._pulse_id > frame_id:
                 return
@@ -246,15 +246,15 @@ class VirtualCamera:
         fault = self.faults.get(frame_id)
         if fault == "late":
             del self.faults[frame_id]
-        began_s = called_s = time.monotonic()
+        began_s = called_s = clock.monotonic()
         while True:
             if self._armed == "line":
                 self._read_line(frame_id)
             exposure = self._started.get(frame_id)
-            now_s = time.monotonic()
+            now_s = clock.monotonic()
             left_s = began_s + timeout_s - now_s
             if exposure is not None and fault is None:
-                now_ns = time.monotonic_ns()
+                now_ns = clock.monotonic_ns()
                 if exposure.end_ns is None:
                     return exposure, max(now_ns, exposure.start_ns + 1)
                 if now_ns >= exposure.end_ns:
@@ -268,7 +268,7 @@ class VirtualCamera:
                     f"camera {self.info.serial}{line} frame {frame_id} did not come within "
                     f"{timeout_s:g} s of waiting; check trigger and cable"
                 )
-            time.sleep(max(0.0, min(pause_s, left_s, _WAITING_EVERY_S)))
-            if waiting is not None and time.monotonic() - called_s >= _WAITING_EVERY_S:
+            clock.sleep(max(0.0, min(pause_s, left_s, _WAITING_EVERY_S)))
+            if waiting is not None and clock.monotonic() - called_s >= _WAITING_EVERY_S:
                 waiting()
-                called_s = time.monotonic()
+                called_s = clock.monotonic()

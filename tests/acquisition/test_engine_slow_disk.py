@@ -127,7 +127,7 @@ def test_a_disk_counts_as_stuck_after_half_a_minute(
     rig: RealRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clock = SimpleNamespace(monotonic=lambda: 20 * time.monotonic())
-    monkeypatch.setattr(_write_queue, "time", clock)
+    monkeypatch.setattr(_write_queue, "clock", clock)
     gate = Gate(monkeypatch)
     # It is checked twice a second, every 10 s of this clock.
     with pytest.raises(StorageError, match=r"no write has finished for [345]\d\.\d s"):

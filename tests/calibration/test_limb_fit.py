@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -87,6 +88,22 @@ def test_blur_is_measured(even):
     wide, error = fitted(*recorded(Even(0.4), psf_sigma_px=1.3))
     assert np.abs(error).max() < 0.05
     assert 0.4 < wide.blur_px - fitted(*even)[0].blur_px < 0.7
+
+
+@pytest.mark.parametrize("amplitude", [0.1, 0.2, 0.4])
+def test_the_scatter_is_that_of_an_uneven_edge(even, amplitude):
+    """The images are warped, so that the edge is a wave; its robust deviation is known."""
+    values, camera = even
+    truth = true_ball(camera)
+    y, x = np.indices(values.shape[1:], np.float32) - truth.axes_px[0, ::-1, None, None]
+    radius = np.hypot(x, y)
+    near = np.exp(-(((radius - truth.radii_px[0]) / 12) ** 4))
+    wave = 1 - amplitude * np.sin(5 * np.arctan2(y, x)) * near / np.maximum(radius, 1)
+    places = (truth.axes_px[0, :, None, None] + wave * (x, y)).astype(np.float32)
+    warped = [cv2.remap(image, *places, cv2.INTER_CUBIC) for image in values]
+    fit, _ = fitted(np.stack(warped), camera)
+    assert fit.scatter_px == pytest.approx(1.4826 * np.sqrt(0.5) * amplitude, rel=0.15)
+    assert 0 < fitted(*even)[0].scatter_px < 0.03
 
 
 def test_print_is_stated_as_an_error():

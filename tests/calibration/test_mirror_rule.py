@@ -124,7 +124,7 @@ def mean_of(off):
     """Return the error and the covariance of the mean if the edge is off by ``off (3,)``."""
     ball = Balls(CENTRE[None], np.array([SIZE]))
     edge = Balls((CENTRE + off[:2])[None], np.array([SIZE + off[2]]))
-    limb = LimbFit(edge, np.eye(3) * EDGE_PX**2, 0.9)
+    limb = LimbFit(edge, np.eye(3) * EDGE_PX**2, 0.9, 0.02)
     mean, covariance = _combined(ball, np.eye(3) * MIRROR_PX**2, limb)
     return np.append(mean.axes_px[0] - CENTRE, mean.radii_px - SIZE), covariance
 

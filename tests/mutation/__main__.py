@@ -3,6 +3,7 @@
     python -m tests.mutation --sample 15 --seed 1
     python -m tests.mutation calibration/spheres/geometry/cone.py --sample 1000
     python -m tests.mutation --planted
+    python -m tests.mutation --world 10000
 
 Faults are planted in a temporary copy of the tree. The exit code is 1 if fewer than 90 % are
 detected, or if a fault planted by name is not detected. Faults that `survivors.toml` lists as
@@ -18,6 +19,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+from tests.mutation.defects import DEFECTS
 from tests.mutation.operators import Mutant, mutants_of
 from tests.mutation.planted import PLANTED
 from tests.mutation.survivors import Survivors
@@ -38,6 +40,13 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1, help="seed of the random choice of faults")
     parser.add_argument("--limit-s", type=float, default=120, help="CPU time per fault in seconds")
     parser.add_argument("--planted", action="store_true", help="plant only the faults with names")
+    parser.add_argument(
+        "--world",
+        type=int,
+        metavar="SEEDS",
+        help="plant defects of capture code, and count the recordings in virtual time until one "
+        "fails",
+    )
     args = parser.parse_args()
     unknown = set(args.modules) - set(TARGETS)
     if unknown:
@@ -47,6 +56,8 @@ def main() -> int:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     with tempfile.TemporaryDirectory(prefix="sgp-mutants-", ignore_cleanup_errors=True) as folder:
         trial = Trial(Path(folder) / "tree")
+        if args.world:
+            return _in_worlds(trial, args.world)
         if args.planted:
             return _planted(trial, args.limit_s)
         return _drawn(trial, modules, args)
@@ -59,6 +70,18 @@ def _planted(trial: Trial, limit_s: float) -> int:
         outcome = trial.run(fault.file, text, TARGETS[fault.file], limit_s)
         missed += outcome.verdict == "survived"
         print(f"{outcome.verdict:9}{fault.file}: {fault.name}", flush=True)
+    return int(missed > 0)
+
+
+def _in_worlds(trial: Trial, most: int) -> int:
+    missed = 0
+    for fault in DEFECTS:
+        text = trial.original(fault.file).replace(fault.old, fault.new)
+        seed = trial.worlds(fault.file, text, most)
+        missed += seed is None
+        found = f"not in {most}" if seed is None else f"seed {seed}"
+        print(f"{found:12}{fault.file}: {fault.name}", flush=True)
+    print(f"{len(DEFECTS) - missed} of {len(DEFECTS)} found")
     return int(missed > 0)
 
 

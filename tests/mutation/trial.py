@@ -123,6 +123,40 @@ class Trial:
         used = float(found[1]) if (found := re.search(r"processor time (\S+)$", output)) else 0.0
         return Outcome("survived" if process.exitcode == 0 else "killed", used, output)
 
+    def worlds(self, module: str, text: str, most: int) -> int | None:
+        """Run recordings in virtual time; return the seed that fails, None if none does.
+
+        Parameters
+        ----------
+        module, text
+            As for `run`.
+        most
+            Number of seeds.
+        """
+        path = self._folder / module
+        original = path.read_bytes()
+        path.write_text(text, encoding="utf-8")
+        words = [sys.executable, "-B", "benchmarks/world.py", "--stop"]
+        places = {"PYTHONPATH": str(self._folder)}
+        try:
+            done = subprocess.run(
+                [*words, "--count", str(most)],
+                cwd=self._folder,
+                env=os.environ | places,
+                capture_output=True,
+                text=True,
+                check=False,
+            )
+        finally:
+            path.write_bytes(original)
+        found = re.search(r"^seed (\d+): .*", done.stdout, re.MULTILINE)
+        if done.returncode == 0 or found is None:
+            if done.returncode:
+                raise RuntimeError(f"{module}: {done.stderr}")
+            return None
+        print(f"    {found[0]}")
+        return int(found[1])
+
     def compiled_from(self, module: str) -> set[str]:
         """Return the modules with kernels that call, directly or not, functions of a module."""
         callers: set[str] = set()

@@ -115,7 +115,7 @@ def test_handlers_stay_if_another_thread_ends_the_last_watch(handlers):
 def killed(monkeypatch):
     """Record the signals that would end this process."""
     sent = []
-    monkeypatch.setattr(dark.os, "kill", lambda pid, number: sent.append((pid, number)))
+    monkeypatch.setattr(os, "kill", lambda pid, number: sent.append((pid, number)))
     return sent
 
 

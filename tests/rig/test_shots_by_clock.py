@@ -37,7 +37,7 @@ UNDERRUN = {"underrun": 1}
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     clock = Clock()
     for module in (alive, frame_proof, sequence, shooting):
-        monkeypatch.setattr(module, "time", clock)
+        monkeypatch.setattr(module, "clock", clock)
     return clock
 
 

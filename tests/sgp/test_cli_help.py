@@ -91,6 +91,11 @@ def test_optional_arguments_have_names(page):
         pytest.param(
             ["rig", "x"], r"sgp rig has no command x: .*selftest \(see `sgp rig --help`\)"
         ),
+        pytest.param(["help", "nromals"], r"nromals, did you mean normals\? \(see `sgp --help`\)"),
+        pytest.param(["help", "rig", "chek"], r"chek, did you mean check\? \(see `sgp rig --help`"),
+        pytest.param(
+            ["nromals", "--help"], r"nromals, did you mean normals\? \(see `sgp --help`\)"
+        ),
         pytest.param(["--jsn", "demo"], r"sgp has no option --jsn \(see `sgp --help`\)"),
         pytest.param(["normals"], r"SOURCE is missing \(see `sgp normals --help`\)"),
         pytest.param(["capture", "run"], r"OUT is missing \(see `sgp capture run --help`\)"),
@@ -107,7 +112,7 @@ def test_optional_arguments_have_names(page):
     ],
 )
 def test_a_wrong_command_line_gets_one_line(sgp, words, message):
-    assert re.search(message, sgp(*words).error_line(2))
+    assert re.search(message, sgp(*words_of_help(words)).error_line(2))
 
 
 def test_a_mistyped_command_imports_no_library():

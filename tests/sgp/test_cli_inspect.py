@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -122,7 +123,8 @@ def test_it_accepts_no_option_without_effect(sgp: Callable, folder: Path, option
 
 
 def test_a_source_without_lights_is_refused(sgp: Callable, folder: Path) -> None:
-    assert "no lights" in sgp("inspect", folder).error_line(4)
+    line = sgp("inspect", folder).error_line(4)
+    assert re.search(r"no lights: .*--lights\), .*--spheres\)", line)
 
 
 def test_a_surface_of_mirrored_normals_is_reported(sgp: Callable, tmp_path: Path) -> None:

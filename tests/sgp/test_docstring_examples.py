@@ -21,7 +21,10 @@ WITHOUT = {
     "rig.resend_signal": "interrupts the main thread",
 }
 # What these need is not there: their examples are shown, but not run.
-NOT_RUN = {"acquisition.pixels.read_raw": "needs a camera RAW file"}
+NOT_RUN = {
+    "acquisition.pixels.read_raw": "needs a camera RAW file",
+    "processing.meshes.height_dataset": "needs xarray",
+}
 # Examples with one of these start the process of a virtual board.
 _STARTS_BOARD = ("open_rig", "open_board", "simulated_rig", "VirtualBoard")
 # In these rooms most examples compile kernels first.

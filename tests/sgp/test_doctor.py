@@ -33,13 +33,38 @@ def test_every_check_reports_on_this_computer(sgp, monkeypatch):
     monkeypatch.setattr("serial.Serial.open", touched)
     answer = sgp("doctor")
     assert "cannot be checked" not in answer.out
-    *lines, last = answer.out.splitlines()
+    *printed, last = answer.out.splitlines()
+    assert max(map(len, printed)) <= 80
+    lines = [line for line in printed if not line.startswith(" ")]
     assert {line.split()[1] for line in lines} == set(doctor._CHECKS)
     states = {line.split()[0] for line in lines}
     assert states <= {"ok", "warning", "error"}
     assert answer.code == (3 if "error" in states else 0)
-    assert "numpy 2" in answer.out
+    assert "numpy 2" in " ".join(answer.out.split())
     assert (last == "nothing needs attention") == (states == {"ok"})
+
+
+LONG_PATHS = {
+    "as long as the column": ("/home/", 60),
+    "longer than the column": ("/home/", 61),
+    "longer than two lines": ("/media/", 150),
+    "a name of 255 characters": ("", 255),
+    "a path of 4000 characters": ("/mnt/x/", 4000),
+}
+
+
+@pytest.mark.parametrize(("start", "length"), LONG_PATHS.values(), ids=LONG_PATHS)
+@pytest.mark.parametrize("text", ["{}", "{}: is not a producer", "the folder {} is full, see {}"])
+def test_long_paths_are_broken(sgp, monkeypatch, start, length, text):
+    path = start.ljust(length, "x")
+    monkeypatch.setattr(
+        doctor, "_CHECKS", {"gentl": lambda: iter([("warning", text.replace("{}", path))])}
+    )
+    *lines, _ = sgp("doctor").out.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert lines[0].startswith("warning  gentl      ")
+    assert all(line.startswith(" " * 20) for line in lines[1:])
+    assert path in "".join(line[20:] for line in lines)
 
 
 def test_a_check_that_fails_itself_does_not_stop_the_others(examine, monkeypatch):

@@ -63,3 +63,16 @@ def test_help_on_a_namespace_begins_with_what_it_has():
     lines = {place: (importlib.import_module(place).__doc__ or "").strip() for place in NAMESPACES}
     assert all(re.match(r"[A-Z].{15,}", text) for text in lines.values()), lines
     assert len({text.splitlines()[0] for text in lines.values()}) == len(NAMESPACES)
+
+
+@pytest.mark.parametrize("room", ["acquisition", "calibration", "processing"])
+def test_help_on_a_package_lists_its_names_by_task(room):
+    module = importlib.import_module(room)
+    spaces = [name.partition(".")[2] for name in namespaces(room)]
+    text, _, listed = module.__doc__.partition("Namespaces: ")
+    assert re.findall(r"\w+", listed) == sorted(spaces)
+    names = " ".join(re.findall(r"(?m)^    (\w+(?:, \w+)*)  +\S", text)).replace(",", "").split()
+    # The two curves are named in the line of their class.
+    curves = {"LINEAR", "SRGB"} & {*module.__all__}
+    assert sorted(names) == sorted({*module.__all__} - {*spaces} - curves)
+    assert all(curve in text for curve in curves)

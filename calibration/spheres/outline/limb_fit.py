@@ -44,11 +44,14 @@ class LimbFit:
         ``(3, 3)`` covariance of centre x, centre y and radius of its outline.
     blur_px
         Standard deviation of the blur at the edge, the size of a pixel included.
+    scatter_px
+        Robust scatter of the edge at single angles about this outline.
     """
 
     ball: Balls
     covariance_px2: Float64
     blur_px: float
+    scatter_px: float
 
 
 def fit_limb(values: Images, plane: MirroredPlane, ball: Balls) -> LimbFit | None:
@@ -83,7 +86,7 @@ def fit_limb(values: Images, plane: MirroredPlane, ball: Balls) -> LimbFit | Non
         normal = profiles.normal(trial, blur, reflectance)
         if normal is None:
             return None
-        information, by_angle = normal
+        information, by_angle, by_place = normal
         inverse = np.linalg.pinv(information, hermitian=True)
         step = inverse @ by_angle.sum(axis=0)
         move = np.clip(step[:3], -_MOST_MOVE_PX, _MOST_MOVE_PX)
@@ -109,7 +112,9 @@ def fit_limb(values: Images, plane: MirroredPlane, ball: Balls) -> LimbFit | Non
         return None
     # Blur moves the half-way brightness of a convex edge inward.
     radii = trial.radii_px + blur**2 / (2 * trial.radii_px)
-    return LimbFit(replace(trial, radii_px=radii), covariance, blur)
+    seen = by_place > 0
+    scatter = 1.4826 * float(np.median(np.abs(by_angle[seen, 2] / by_place[seen])))
+    return LimbFit(replace(trial, radii_px=radii), covariance, blur, scatter)
 
 
 class _Profiles:
@@ -140,11 +145,12 @@ class _Profiles:
 
     def normal(
         self, ball: Balls, blur: float, reflectance: float
-    ) -> tuple[Float64, Float64] | None:
+    ) -> tuple[Float64, Float64, Float64] | None:
         """Return the normal equations of place, radius, blur and reflectance.
 
-        These are the information matrix ``(5, 5)`` and the right side of each angle ``(J, 5)``;
-        None if too little of the outline can be compared.
+        These are the information matrix ``(5, 5)``, the right side of each angle ``(J, 5)``, and
+        the information ``(J,)`` of each angle about the place of the edge; None if too little of
+        the outline can be compared.
         """
         around = outlines_of(self._plane.camera, ball, self._count)[0]
         along = np.roll(around, -1, axis=0) - np.roll(around, 1, axis=0)
@@ -181,7 +187,7 @@ class _Profiles:
         chain = np.zeros((self._count, 3, 5))
         chain[:, 0, :2], chain[:, 0, 2], chain[:, 1, 3], chain[:, 2, 4] = outward, 1, 1, 1
         information: Float64 = np.einsum("jap,jab,jbq->pq", chain, of_pair, chain)
-        return information, np.einsum("jap,ja->jp", chain, of_angle)
+        return information, np.einsum("jap,ja->jp", chain, of_angle), of_pair[:, 0, 0]
 
     def _sampled(self, around: Float64, outward: Float64) -> tuple[Float64, Bool]:
         """Return the images ``(N, J, S)`` across the outline, and where all are in the image."""

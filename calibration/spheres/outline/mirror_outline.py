@@ -97,6 +97,7 @@ def outlined_mirror(values: Images, plane: MirroredPlane, mirror: Mirror) -> Sph
         find_highlights(values, outline),
         covariance_px2=own,
         systematic_px=systematic,
+        scatter_px=edge.scatter_px if edge is not None and ball is not fitted[0] else float("nan"),
         on_plane=_faces_the_camera(plane, fitted[0]),
     )
 

@@ -50,6 +50,9 @@ class SphereImage(TracedOutline):
         Whether the sphere in a mask is shaded like a painted ball.
     on_plane
         Whether what it mirrors is, without doubt, a plane that faces the camera.
+    scatter_px
+        Robust scatter of the edge about the outline, NaN if no edge was found, where the points
+        were computed from what the sphere mirrors; None where the points are those of the edge.
     """
 
     highlights: Highlights
@@ -59,6 +62,7 @@ class SphereImage(TracedOutline):
     unconfirmed: bool = False
     painted: bool = False
     on_plane: bool = False
+    scatter_px: float | None = None
 
     __repr__ = short_repr
 

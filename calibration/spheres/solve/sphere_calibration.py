@@ -25,7 +25,8 @@ class Sphere:
     coverage
         Share 0..1 of the circumference that is visible.
     rms_px
-        Scatter of the outline points about the outline.
+        Robust standard deviation of the edge in the images about the outline; NaN if only what the
+        sphere mirrors determines the outline.
     centre_mm, radius_mm
         Centre in the house frame, and radius; None unless camera and radius are known.
     recording
@@ -108,7 +109,12 @@ class SeenTogether:
     def spheres(self, placed: KnownSpheres | None = None) -> tuple[Sphere, ...]:
         """Return the results of the spheres, with centres and radii if they are placed."""
         seen = tuple(
-            Sphere(image.outline, image.coverage, image.rms_px, recording=k)
+            Sphere(
+                image.outline,
+                image.coverage,
+                image.rms_px if image.scatter_px is None else image.scatter_px,
+                recording=k,
+            )
             for image, k in zip(self.images, self.of_recording, strict=True)
         )
         if placed is None:

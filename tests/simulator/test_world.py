@@ -1,0 +1,217 @@
+"""Recordings in virtual time: they are replayable, and their faults and checks are real."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from acquisition import DataError
+from acquisition.files import storage
+from rig.board import protocol
+from rig.host import clock, threads
+from simulator.world import Event, Schedule, Trial, World
+from simulator.world.disk import Disk
+from simulator.world.schedule import KINDS, VERSION
+from simulator.world.scheduler import StuckError
+from simulator.world.trial import run, run_seed
+
+CALM = Schedule(3, ())
+
+
+def lines_of(schedule: Schedule, folder: Path) -> list[str]:
+    lines: list[str] = []
+    folder.mkdir()
+    Trial(schedule, folder, lines.append).run()
+    return lines
+
+
+def disk_in(folder: Path, seed: int = 0) -> Disk:
+    return Disk(folder, random.Random(seed), lambda name: None, lambda seconds: None)
+
+
+@pytest.mark.parametrize("first", range(0, 40, 10))
+def test_no_promise_is_broken(first: int) -> None:
+    outcomes = [run_seed(seed) for seed in range(first, first + 10)]
+    assert [one.violations for one in outcomes] == [()] * 10
+    assert sum(len(one.met) for one in outcomes) > 30
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("first", range(10_000, 12_000, 100))
+def test_no_promise_is_broken_in_two_thousand_recordings(first: int) -> None:
+    found = {seed: run_seed(seed).violations for seed in range(first, first + 100)}
+    assert {seed: texts for seed, texts in found.items() if texts} == {}
+
+
+def test_a_seed_is_replayed_step_by_step(tmp_path: Path) -> None:
+    schedule = Schedule.drawn(7)
+    first, second = (lines_of(schedule, tmp_path / name) for name in "ab")
+    assert first == second
+    assert len(first) > 500
+
+
+def test_a_violation_is_reduced_to_few_faults(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(storage, "sync_folder", lambda folder: None)
+    seed = next(seed for seed in range(40) if run_seed(seed).violations)
+    shrunk = Schedule.drawn(seed).shrunk(lambda fewer: bool(run(fewer).violations))
+    assert "host:power-loss" in [event.kind for event in shrunk.events]
+    assert len(shrunk.events) <= 3
+    path = tmp_path / "schedule.json"
+    path.write_text(shrunk.to_json())
+    assert Schedule.read(path) == shrunk
+    assert run(Schedule.read(path)).violations
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_fault_happens_and_is_survived(kind: str) -> None:
+    outcome = run(Schedule(5, tuple(Event(step, kind, 20) for step in (150, 300, 450))))
+    assert {event.kind for event in outcome.met} == {kind}
+    assert outcome.violations == ()
+
+
+def test_the_second_operator_is_refused_or_has_the_session_alone(tmp_path: Path) -> None:
+    lines = lines_of(Schedule(3, (Event(300, "program:second"),)), tmp_path / "w")
+    assert any("another process is recording into this session" in line for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        pytest.param({"version": VERSION + 1}, "version", id="another version"),
+        pytest.param({"events": [{"step": 1, "kind": "meteor"}]}, "unknown event", id="unknown"),
+        pytest.param({"events": [{"when": 1}]}, "is not a schedule file", id="another key"),
+        pytest.param({"seed": None}, "is not a schedule file", id="no seed"),
+    ],
+)
+def test_a_schedule_file_is_checked(
+    change: dict[str, object], message: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "schedule.json"
+    path.write_text(json.dumps(json.loads(CALM.to_json()) | change))
+    with pytest.raises(DataError, match=message):
+        Schedule.read(path)
+
+
+def test_real_time_in_a_world_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # A module that takes the time from the operating system.
+    monkeypatch.setattr(clock, "monotonic", time.monotonic)
+    exec("import time\ndef crc16(data): return time.monotonic()", vars(protocol))
+    world = World(CALM, tmp_path)
+    ended = world.run("program", world.open_rig)
+    assert "rig.board.protocol calls time.monotonic: use rig.host.clock" in str(ended.error)
+
+
+def test_a_deadlock_is_named(tmp_path: Path) -> None:
+    world = World(CALM, tmp_path)
+
+    def waits() -> None:
+        condition = threads.Condition()
+        with condition:
+            condition.wait()
+
+    with pytest.raises(StuckError, match="waiting forever: program main"):
+        world.run("program", waits)
+
+
+def test_time_passes_without_waiting(tmp_path: Path) -> None:
+    world = World(CALM, tmp_path)
+    began_s = time.monotonic()
+    slept: list[float] = []
+
+    def sleeps() -> None:
+        before_s = clock.monotonic()
+        clock.sleep(3000)
+        slept.append(clock.monotonic() - before_s)
+
+    world.run("program", sleeps)
+    assert slept[0] == pytest.approx(3000, abs=0.01)
+    assert time.monotonic() - began_s < 300
+
+
+def test_outside_a_world_the_system_is_used(tmp_path: Path) -> None:
+    world = World(CALM, tmp_path)
+    world.run("program", lambda: None)
+    assert clock.sleep is time.sleep
+    assert threads.Thread is threading.Thread
+
+
+def test_what_was_flushed_survives_a_power_loss(tmp_path: Path) -> None:
+    for seed in range(30):
+        root = tmp_path / str(seed)
+        root.mkdir()
+        disk = disk_in(root, seed)
+        descriptor = disk.open_file(root / "a", os.O_WRONLY | os.O_CREAT)
+        disk.write(descriptor, b"safe")
+        disk.fsync(descriptor)
+        folder = disk.open_file(root, os.O_RDONLY)
+        disk.fsync(folder)
+        disk.write(descriptor, b"more")
+        disk.close(descriptor)
+        disk.replace(root / "a", root / "b")
+        disk.close(folder)
+        disk.power_loss()
+        (path,) = root.iterdir()
+        assert path.name in "ab"
+        data = path.read_bytes()
+        assert data.startswith(b"safe")
+        assert data[4:] == bytes(len(data) - 4) or b"more".startswith(data[4:])
+
+
+def test_what_was_not_flushed_may_be_lost(tmp_path: Path) -> None:
+    left = set()
+    for seed in range(60):
+        root = tmp_path / str(seed)
+        root.mkdir()
+        disk = disk_in(root, seed)
+        descriptor = disk.open_file(root / "a", os.O_WRONLY | os.O_CREAT)
+        disk.write(descriptor, b"more")
+        disk.close(descriptor)
+        disk.power_loss()
+        left.add(*[path.read_bytes() for path in root.iterdir()] or [None])
+    assert {None, b"", b"more", bytes(4)} <= left
+    assert len(left) > 5  # torn
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(("write", "replace", "unlink", "mkdir", "sync")),
+            st.sampled_from("abc"),
+            st.sampled_from("abc"),
+        ),
+        max_size=30,
+    )
+)
+def test_the_model_has_the_files_of_the_disk(
+    tmp_path_factory: pytest.TempPathFactory, calls: list[tuple[str, str, str]]
+) -> None:
+    root = tmp_path_factory.mktemp("disk")
+    disk = disk_in(root)
+    for call, one, other in calls:
+        path = root / one
+        if call == "mkdir" and not path.exists():
+            disk.mkdir(path)
+        elif call == "write" and not path.is_dir():
+            descriptor = disk.open_file(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+            disk.write(descriptor, other.encode())
+            disk.close(descriptor)
+        elif call == "unlink" and path.is_file():
+            disk.unlink(path)
+        elif call == "replace" and path.is_file() and not (root / other).is_dir():
+            disk.replace(path, root / other)
+        elif call == "sync":
+            folder = disk.open_file(root, os.O_RDONLY)
+            disk.fsync(folder)
+            disk.close(folder)
+    real = {path.name: path.read_bytes() if path.is_file() else None for path in root.iterdir()}
+    assert disk.shown() == real
