@@ -3,27 +3,30 @@
 The figures are heights over a plane: a bowl, folds, a heap of stones, a shell and a dented ball,
 each drawn from the seed, with a diffuse colour that varies and a white GGX coat. Distant lights on
 a dome cast shadows; diffuse light is reflected from every part of the figure onto the others twice.
-The view is along z. Images have the noise of a 12-bit sensor and are clipped at white.
+The view is along z. Images have the noise of a 12-bit sensor and are clipped at white. Methods are
+those of gray images; "default" is `reconstruct` of images in colour, "subtracted" the same with
+``interreflection``. Figures are glossy, and matte: without the coat.
 
-    python benchmarks/concave_figures.py --seed 1
+    python benchmarks/concave_figures.py --seed 1 --out docs/measured/concave-figures.csv
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import tempfile
 from dataclasses import dataclass
+from pathlib import Path
 
 import numba
 import numpy as np
-from harness import command_line
+from harness import Table, command_line
 from materials import dome, recorded
 
-from acquisition import Lights, angle_deg
+from acquisition import Lights, angle_deg, read_source, write_png
 from calibration.radiance import luma
-from processing import photometric_stereo
+from processing import NormalMap, photometric_stereo, reconstruct
 from processing.stereo import METHODS
 from rig.arrays import Bool, Float64
-from simulator.scene import Ggx
+from simulator.scene import Ggx, Lambert
 from simulator.scene.reflectance import reflectance
 
 _EYE = np.array([0.0, 0.0, 1.0])
@@ -138,7 +141,7 @@ def _gathered(
                         out[i, j, k] += share * light[q, k]
 
 
-def figure(name: str, seed: int, size: int, lights: int) -> Figure:
+def figure(name: str, seed: int, size: int, lights: int, *, glossy: bool = True) -> Figure:
     """Return a figure of the given name."""
     rng = np.random.default_rng([seed, len(name)])
     z, mask = heights(name, size, rng)
@@ -149,6 +152,7 @@ def figure(name: str, seed: int, size: int, lights: int) -> Figure:
     directions = dome(lights)
     y, x = np.mgrid[1 : -1 : size * 1j, -1 : 1 : size * 1j]
     tint, f0, rough = rng.uniform(0.15, 0.7, 3), rng.uniform(0.04, 0.2), rng.uniform(0.15, 0.4)
+    material = Ggx(rough, f0) if glossy else Lambert()
     wave = 0.85 + 0.15 * np.sin(rng.uniform(3, 6, 3) * x[..., None] + rng.uniform(0, 6, 3))
     albedo = tint * wave
     lit = np.einsum("nc,hwc->nhw", directions, normals) > 0
@@ -157,7 +161,7 @@ def figure(name: str, seed: int, size: int, lights: int) -> Figure:
     to_light = directions[:, None, None]
     images = np.stack(
         [
-            shading * reflectance(Ggx(rough, f0), albedo[..., c], normals, to_light, _EYE)
+            shading * reflectance(material, albedo[..., c], normals, to_light, _EYE)
             for c in range(3)
         ],
         axis=-1,
@@ -184,10 +188,26 @@ def figure(name: str, seed: int, size: int, lights: int) -> Figure:
     )
 
 
-def figures(seed: int, size: int, lights: int) -> Iterator[Figure]:
-    """Yield the five figures of a seed."""
-    for name in ("bowl", "folds", "stones", "shell", "dented ball"):
-        yield figure(name, seed, size, lights)
+def error_deg(found: NormalMap, one: Figure) -> float:
+    """Return the mean error of a figure; a pixel without a normal counts 90 degrees."""
+    angles = np.where(found.mask, angle_deg(found.normals, one.normals), 90.0)
+    return float(angles[one.mask].mean())
+
+
+def reconstructed(one: Figure) -> list[float]:
+    """Return the errors of the reconstruction of images in files, by default and subtracted."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for k, image in enumerate(np.nan_to_num(one.values, nan=1.0)):
+            levels = (65535 * np.clip(image, 0, 1)).round().astype(np.uint16)
+            write_png(folder / f"figure.{k:03d}.png", levels)
+        mask = folder / "mask.png"
+        write_png(mask, np.where(one.mask, 255, 0).astype(np.uint8))
+        source = read_source(folder, lights=Lights(one.directions), mask_path=mask)
+        return [
+            error_deg(reconstruct(source, surface=False, interreflection=on).normals, one)
+            for on in (False, True)
+        ]
 
 
 def main() -> None:
@@ -196,20 +216,27 @@ def main() -> None:
     parser.add_argument("--lights", type=int, default=96, help="number of lights")
     parser.add_argument("--seed", type=int, default=1, help="seed of figures and noise")
     parser.add_argument("--size", type=int, default=120, help="size of the figures, pixels")
+    parser.add_argument("--out", type=Path, help="table of mean errors in degrees (.csv)")
     options = parser.parse_args()
-    print(f"{f'{options.lights} lights, mean error, deg':28}" + "".join(f"{m:>9}" for m in METHODS))
-    rows = []
-    for one in figures(options.seed, options.size, options.lights):
-        errors = []
-        for method in METHODS:
-            found = photometric_stereo(
-                luma(one.values.astype(np.float32)), Lights(one.directions), one.mask, method=method
-            ).normal_map
-            angles = np.where(found.mask, angle_deg(found.normals, one.normals), 90.0)
-            errors.append(angles[one.mask].mean())
-        rows.append(errors)
-        print(f"{one.name:28}" + "".join(f"{error:9.2f}" for error in errors), flush=True)
-    print(f"{'mean':28}" + "".join(f"{error:9.2f}" for error in np.mean(rows, axis=0)))
+    table = Table(options.out)
+    for surface in ("glossy", "matte"):
+        rows = []
+        for name in ("bowl", "folds", "stones", "shell", "dented ball", "mean"):
+            if name == "mean":
+                errors = np.mean(rows, axis=0).tolist()
+            else:
+                size, lights = options.size, options.lights
+                one = figure(name, options.seed, size, lights, glossy=surface == "glossy")
+                gray = luma(one.values.astype(np.float32))
+                solved = [
+                    photometric_stereo(gray, Lights(one.directions), one.mask, method=method)
+                    for method in METHODS
+                ]
+                errors = [error_deg(each.normal_map, one) for each in solved]
+                rows.append(errors := errors + reconstructed(one))
+            columns = (*METHODS, "default", "subtracted")
+            row = {"figure": f"{surface} {name}"}
+            table.add(row | {c: f"{e:.2f}" for c, e in zip(columns, errors, strict=True)})
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ BUDGET = {
     "rig": (3760, 46, 64),
     "acquisition": (15180, 63, 151),
     "calibration": (10161, 30, 86),
-    "processing": (22193, 61, 202),
+    "processing": (22494, 61, 204),
     "simulator": (8850, 28, 76),
     "sgp": (14427, 0, 144),
 }

@@ -9,6 +9,7 @@ import numpy as np
 
 from calibration import Stack, StackNoise
 from calibration.radiance import luma
+from processing.images.reflected_light import ReflectedLight
 from processing.images.viewing_rays import SurfacePoints
 from rig import Notice
 from rig.arrays import Bool, Float32, Float64, Intp
@@ -85,6 +86,8 @@ class RecordedImages:
         ``(M,)`` factors of it for all images of the stack.
     factors
         ``(M,)`` by which all images of the stack are then divided; default: 1.
+    reflected
+        Light in all images of the stack that is then subtracted; default: none.
     """
 
     def __init__(
@@ -94,8 +97,9 @@ class RecordedImages:
         constant: Float32 | None = None,
         shares: Float32 | None = None,
         factors: Float32 | None = None,
+        reflected: ReflectedLight | None = None,
     ) -> None:
-        self._stack, self._constant = stack, constant
+        self._stack, self._constant, self._reflected = stack, constant, reflected
         self._shares = np.ones(len(stack.ids), np.float32) if shares is None else shares
         self._factors = factors
         self._kept = list(range(len(stack.ids)) if kept is None else kept)
@@ -118,6 +122,8 @@ class RecordedImages:
             image = image - self._shares[self._kept[index]] * self._constant
         if self._factors is not None:
             image = image / self._factors[self._kept[index]]
+        if self._reflected is not None:
+            image = image - self._reflected.of(index)
         return luma(image) if self.in_colour else image
 
     def __iter__(self) -> Iterator[Float32]:
@@ -126,13 +132,24 @@ class RecordedImages:
     def take(self, indices: Sequence[int]) -> RecordedImages:
         """Return the images with these indices."""
         kept = [self._kept[i] for i in indices]
-        return RecordedImages(self._stack, kept, self._constant, self._shares, self._factors)
+        reflected = None if self._reflected is None else self._reflected.take(indices)
+        return RecordedImages(
+            self._stack, kept, self._constant, self._shares, self._factors, reflected
+        )
 
     def without(self, constant: Float32, shares: Float64) -> RecordedImages:
         """Return the images without a constant light, of which each has its share ``(N,)``."""
         of_stack = np.zeros(len(self._stack.ids), np.float32)
         of_stack[self._kept] = shares
-        return RecordedImages(self._stack, self._kept, constant, of_stack, self._factors)
+        return RecordedImages(
+            self._stack, self._kept, constant, of_stack, self._factors, self._reflected
+        )
+
+    def without_reflected(self, light: ReflectedLight) -> RecordedImages:
+        """Return the images without light that the object reflects onto itself."""
+        return RecordedImages(
+            self._stack, self._kept, self._constant, self._shares, self._factors, light
+        )
 
     def divided(self, factors: Float64) -> RecordedImages:
         """Return the images divided by factors ``(N,)``."""
@@ -140,7 +157,12 @@ class RecordedImages:
         of_stack[self._kept] = factors
         before = 1 if self._factors is None else self._factors
         return RecordedImages(
-            self._stack, self._kept, self._constant, self._shares, of_stack * before
+            self._stack,
+            self._kept,
+            self._constant,
+            self._shares,
+            of_stack * before,
+            self._reflected,
         )
 
     def stack(self, *, colour: bool = False) -> Stack:
@@ -156,6 +178,10 @@ class RecordedImages:
             part = replace(part, values=part.values - shares * self._constant[first:last])
         if self._factors is not None:
             part = _divided(part, self._factors[self._kept])
+        if self._reflected is not None:
+            rows = slice(first, last)
+            lights = [self._reflected.of(index, rows) for index in range(len(self))]
+            part = replace(part, values=part.values - np.stack(lights))
         return replace(part, values=luma(part.values)) if self.in_colour and not colour else part
 
     def bands(

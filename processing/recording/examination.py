@@ -35,6 +35,7 @@ from processing.near.mean_height_search import HeightWithStrengths
 from processing.near.near_height import Heights, NearHeight, height_limits
 from processing.recording.repairs import Repairs, repairs_of
 from processing.series.ambient_light import AmbientLight, find_ambient_light
+from processing.series.interreflection import find_interreflection
 from processing.series.light_distance import LightDistance, find_light_distance
 from processing.stereo.frames import Frames
 from processing.stereo.light_model import LightModel
@@ -318,6 +319,17 @@ class Examination:
         for notice in () if self.near is None else self.near.warnings:
             (self._doubts if notice.code in _CAUSES else self.warnings).append(notice)
         return quality
+
+    def subtract_reflected(self, method: Method) -> None:
+        """Subtract the light that the object reflects onto itself, if its shadows show it."""
+        view, shape = self.view, self.mask.shape
+        if view is None:  # the size does not matter under distant lights
+            view = Parallel(1.0, shape, ((shape[1] - 1) / 2, (shape[0] - 1) / 2))
+        depth = None if self.near is None else self.near.depth
+        found = find_interreflection(self.images, self.lights, self.mask, view, depth, method)
+        if found.light is not None:
+            self.images = self.images.without_reflected(found.light)
+        self.warnings.append(found.notice)
 
     def verdict(self, quality: ImageQuality, sigma_deg: float) -> Verdict:
         """Return what is probably wrong; ``sigma_deg`` is stated of the normals, the median."""

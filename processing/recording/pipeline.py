@@ -151,6 +151,9 @@ class NormalsStage:
         which are right.
     semi_calibrated
         Estimate the strengths of the lights, relative to given intensities; see `light_strengths`.
+    interreflection
+        Subtract the light that a matte object reflects onto itself, if attached shadows show it,
+        see `processing.series.interreflection`; the notice ``light-reflected`` says so.
 
     Examples
     --------
@@ -176,6 +179,7 @@ class NormalsStage:
     ambient: AmbientChoice = "none"
     exclude_disagreeing: bool = False
     semi_calibrated: bool = False
+    interreflection: bool = False
 
     def needs_whole(self, source: Source) -> bool:
         """Return whether the complete images and maps have to be in memory."""
@@ -235,6 +239,8 @@ class NormalsStage:
                 examined.find_ambient()
             examined.find_surface(semi_calibrated=self.semi_calibrated)
             quality = examined.check(exclude_disagreeing=self.exclude_disagreeing)
+            if self.interreflection:
+                examined.subtract_reflected(self.method)
             in_colour = examined.images.in_colour
             colours = None
             if frames is not None and not in_colour and pattern is None:
@@ -409,6 +415,7 @@ def reconstruct(
     ambient: AmbientChoice = "none",
     exclude_disagreeing: bool = False,
     semi_calibrated: bool = False,
+    interreflection: bool = False,
     surface: bool = True,
     on_progress: Progress = no_progress,
 ) -> Reconstruction:
@@ -459,6 +466,9 @@ def reconstruct(
         which are right.
     semi_calibrated
         Estimate the strengths of the lights, relative to given intensities; see `light_strengths`.
+    interreflection
+        Subtract the light that a matte object reflects onto itself, if attached shadows show it,
+        see `processing.series.interreflection`; the notice ``light-reflected`` says so.
     surface
         Also integrate the normals.
     on_progress
@@ -504,6 +514,7 @@ def reconstruct(
         ambient=ambient,
         exclude_disagreeing=exclude_disagreeing,
         semi_calibrated=semi_calibrated,
+        interreflection=interreflection,
     )
     made = stage.run(source, on_progress=on_progress)
     if not surface:

@@ -25,7 +25,7 @@ from rig.arrays import Float32, Float64, Int64
 
 # Compiled in: processing/stereo/cauchy.py 2f91469b6547
 # Compiled in: processing/stereo/pixel_algebra.py 59b512c7e227
-# Compiled in: processing/stereo/reflectance_fit.py 911ede79d414
+# Compiled in: processing/stereo/reflectance_fit.py fd6ba713ed85
 
 # Candidates per pixel, and the number of triples that are drawn to find as many.
 _CANDIDATES = 20

@@ -17,8 +17,11 @@ from rig.arrays import Float32, Float64
 # The family, from coarse to fine: the lobe (h . n)^2, GGX lobes by their width, and no lobe.
 _SQUARE, _MATTE = 0.0, -1.0
 _FAMILY = (_SQUARE, 0.5, 0.25, 0.1, _MATTE)
+# The member with a coat that the light of the matte part passes. With coats on all GGX members,
+# normals of a real object (DiLiGenT's bear) are 0.3 degree worse.
+_COAT = 0.25
 # Shares of the members before the samples are seen. Narrow lobes explain deviations of few samples.
-_PRIOR = (2.0, 1.0, 1.0, 1.0, 2.0)
+_PRIOR = (2.0, 1.0, 0.15, 1.0, 2.0)
 # Power of the reciprocal spread by which a member counts: the likelihood of 4 independent samples,
 # because residuals of a reflectance that is not in the family are alike for neighbouring lights.
 _POWER = 4
@@ -56,7 +59,7 @@ def _terms(
     count: int, usable: Float32, half: Float32, width: np.float32,
     n0: np.float32, n1: np.float32, n2: np.float32, terms: Float32,
 ) -> None:  # fmt: skip
-    """Write the matte term, the lobe, its derivatives by l . n and h . n, and 1 where it is lit."""
+    """Write the matte term, the lobe, its derivatives by l . n and h . n, and that of the matte."""
     lx, ly, lz = usable[1], usable[2], usable[3]
     hx, hy, hz = half[0], half[1], half[2]
     zero, one, two, four = np.float32(0), np.float32(1), np.float32(2), np.float32(4)
@@ -88,6 +91,14 @@ def _terms(
             terms[1, k] = seen * lobe
             terms[2, k] = two * terms[4, k] * a2 * per * lobe
             terms[3, k] = seen * lobe * four * rest * along * inverse
+    if width == np.float32(_COAT):
+        for k in range(count):
+            shading = terms[0, k]
+            beside = max(one - shading, zero)
+            fourth = beside * beside
+            fourth *= fourth
+            terms[0, k] = shading * (one - fourth * beside)
+            terms[4, k] *= one - fourth * (beside - np.float32(5) * shading)
 
 
 @numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
@@ -195,8 +206,10 @@ def reflectance_fit(
 
     Each member is ``v = c0 max(l . n, 0) + c1 s(l . n) D(h . n)`` with the half vector h between
     light and camera: a matte part and a lobe. D is the distribution of GGX of one width, and s its
-    shadowing by Smith, in the separable form, times l . n (Walter et al., 2007). What depends only
-    on normal and camera is part of c1. A member begins at the normal of the one before; its steps
+    shadowing by Smith, in the separable form, times l . n (Walter et al., 2007). The matte part of
+    one member is below a coat, which less light passes that comes from the side:
+    ``1 - (1 - l . n)^5`` of it (Schlick, 1994). What depends only on normal and camera is part of
+    c0 and c1. A member begins at the normal of the one before; its steps
     are those of Gauss and Newton with robust weights, where c0 and c1 are eliminated. The normals
     are averaged with weights from the spreads of the residuals, so that noise, which would
     select among members that explain the samples alike, does not decide.

@@ -36,6 +36,8 @@ _LEAST_WEIGHT = 0.03
 # In comparisons with a smooth surface, which spreads what it contradicts over many edges, an edge
 # that is contradicted by so many deviations counts half.
 _CONTRADICTING_DEVIATIONS = 3.0
+# Deviation of the residuals of a surface from normals with white noise, relative to the edges'.
+_LEFT = 0.72
 # The surface stands still when it moves by less, on average over all pixels, in pixels.
 _STILL_PX = 0.01
 # Of one round: later rounds change the weights anyway.
@@ -216,6 +218,7 @@ class Alternation:
             self._residuals(surface, residuals)
             if not sums:
                 usual = max(self._spread(residuals)[0], _LEAST_DEVIATION_PX)
+                usual = max(usual, _LEFT * evidence.noise_px)
                 width2 = (_CONTRADICTING_DEVIATIONS * usual) ** 2
             squares = [residual * residual for residual in residuals]
             terms = zip(evidence.witness, squares, strict=True)

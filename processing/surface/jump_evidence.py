@@ -29,6 +29,19 @@ SURE = 0.95
 # Turns up to this multiple of the median turn of the map, and curls up to this number of their
 # standard deviations, may be noise.
 _USUAL_TURNS, _USUAL_CURLS = 1.5, 3.0
+# Median turn in rad by the noise of neighbours, relative to the deviation of an edge in pixels.
+_TURN_BY_NOISE = 2.35
+# Sides in pixels of the squares whose sums of steps show the noise. Noise that neighbouring pixels
+# share, as after compression or enlargement, is seen only around larger squares. Jumps cross many
+# of those: their noise is that of this share of the squares, with the smallest sums, for which a
+# normal distribution has this deviation.
+_SIDES = (1, 2, 4, 8)
+_QUIET, _QUIET_DEVIATION = 0.1, 0.12566
+# Noise is shared if it is this many times as large around some squares as around pixels.
+_SHARED = 1.5
+# Shared noise up to this multiple of the usual number of deviations is no rim: the share of noise
+# beyond it is that of suspect edges without jumps.
+_TOGETHER = 1.4
 # The curl is small where a jump has the same height for some pixels: that of this many more pixels
 # along the rim counts.
 _REACH = 2
@@ -57,12 +70,16 @@ class JumpEvidence(NamedTuple):
         behind it.
     suspects
         Share of the edges that are suspect.
+    noise_px
+        Standard deviation of an edge of weight 1, in pixels: that of white noise which adds up over
+        long distances as the noise of the map does.
     """
 
     continuity: Pair
     witness: Pair
     order: Pair
     suspects: float
+    noise_px: float
 
     def sure(self, edges: Pair) -> tuple[Float32, Float32]:
         """Return the weights of edges, 0 for those that are suspect."""
@@ -108,10 +125,11 @@ def jump_evidence(
     turns = _turns(normals, edges[0], 0), _turns(normals, edges[1], 1)
     sparse = max(1, math.isqrt(curls.size // _SAMPLES))
     some = np.s_[::sparse, ::sparse]
-    curled = spreads[some] > 0
-    noise = _USUAL_CURLS * _MEDIAN_TO_SIGMA * _median(curls[some][curled] / spreads[some][curled])
+    noise_px, at_once = _noise(known, steps, step_px, sparse)
+    noise = _USUAL_CURLS * at_once
     turned = [turn[some][edge[some] > 0] for turn, edge in zip(turns, edges, strict=True)]
-    usual = _USUAL_TURNS * _median(np.concatenate(turned))
+    usual = max(_median(np.concatenate(turned)), math.degrees(_TURN_BY_NOISE * at_once))
+    usual *= _USUAL_TURNS
     suspects = 0
     witness = edges[0].copy(), edges[1].copy()
     for axis in (0, 1):
@@ -121,11 +139,63 @@ def jump_evidence(
     count = int(np.count_nonzero(edges[0])) + int(np.count_nonzero(edges[1]))
     seen = np.zeros((0, 0, 3)) if rays is None else rays
     order = _order(normals, seen, turns[0], 0), _order(normals, seen, turns[1], 1)
-    return JumpEvidence(turns, witness, order, suspects / max(count, 1))
+    return JumpEvidence(turns, witness, order, suspects / max(count, 1), noise_px)
 
 
-def _median(values: Float32) -> float:
+def _noise(
+    edges: Pair, steps: tuple[Float64, Float64], step_px: float, sparse: int
+) -> tuple[float, float]:
+    """Return the deviations of edges of weight 1, over long distances and of single pixels, px.
+
+    With noise of independent normals, the sum of the steps around a square of n pixels has a
+    variance that is (2 n - 1) times that of one pixel. If the normals of larger parts have the same
+    error, the sum grows as n up to the size of these parts.
+    """
+    far = near = single = 0.0
+    for side in _SIDES:
+        sums = _loops(*edges, *steps, side, sparse)
+        sums = step_px * sums[np.isfinite(sums)]
+        deviation = _MEDIAN_TO_SIGMA * _median(sums)
+        if side > 1 and sums.size:
+            deviation = float(np.quantile(sums, _QUIET)) / _QUIET_DEVIATION
+        far = max(far, deviation * math.sqrt(side / (2 * side - 1)))
+        near = max(near, deviation / math.sqrt(side))
+        single = single or far
+    if far < _SHARED * single:
+        return single, single
+    # Large deviations of shared noise come together, and are sooner taken for a rim.
+    return far, near * _TOGETHER
+
+
+def _median(values: Float32 | Float64) -> float:
     return float(np.median(values)) if values.size else 0.0
+
+
+@numba.njit(parallel=True, cache=True)
+def _loops(
+    right: Float32, down: Float32, to_right: Float64, to_down: Float64, side: int, sparse: int
+) -> Float64:
+    """Return absolute sums of the steps around some squares, NaN without one of their edges.
+
+    They are relative to the root of their variance for edges with independent errors of 1.
+    """
+    rows, columns = right.shape
+    out = np.full((-(-rows // sparse), -(-columns // sparse)), np.nan)
+    for i in numba.prange(max(-(-(rows - side) // sparse), 0)):
+        for j in range(max(-(-(columns - side) // sparse), 0)):
+            r, c = i * sparse, j * sparse
+            total = variance = 0.0
+            for k in range(side):
+                upper, lower = right[r, c + k], right[r + side, c + k]
+                here, beside = down[r + k, c], down[r + k, c + side]
+                if min(min(upper, lower), min(here, beside)) <= 0:
+                    variance = np.nan
+                    break
+                variance += 1 / upper + 1 / lower + 1 / here + 1 / beside
+                total += to_right[r, c + k] - to_right[r + side, c + k]
+                total += to_down[r + k, c + side] - to_down[r + k, c]
+            out[i, j] = abs(total) / math.sqrt(variance)
+    return out
 
 
 @numba.njit(parallel=True, cache=True)

@@ -13,7 +13,7 @@ _REST = "Output"
 _GROUPS = {
     "Lights": (
         "--lights --spheres --radius-mm --light-distance-mm --semi-calibrated --ambient --distant "
-        "--rig"
+        "--interreflection --rig"
     ),
     "Images": (
         "--mask --camera --pixel-mm --exclude --crop --downscale --gamma --flat --sensor "

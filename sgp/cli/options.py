@@ -320,12 +320,16 @@ class SourceOptions(RemedyOptions):
         one that explains the images best.
     rests_on_plane
         The lowest points of the object are in the working plane, for lights with positions.
+    interreflection
+        Subtract the light that a concave matte object reflects onto itself, if attached shadows
+        show it. It takes some seconds and up to 300 MB more.
     """
 
     method: MethodChoice = "best"
     channel: processing.stereo.StereoChannel = "auto"
     height_mm: Millimetres | None = None
     rests_on_plane: bool = False
+    interreflection: bool = False
 
     def stage(self, pixel_mm: float | None = None) -> processing.recording.NormalsStage:
         """Return the computation of normals with these options, and the size of a pixel."""

@@ -56,7 +56,7 @@ def test_the_contradiction_counts_edges_that_differ() -> None:
     problem, heights = plane()
     right, down = problem.edges[:2]
     none = np.zeros_like(right), np.zeros_like(down)
-    evidence = JumpEvidence((right, down), (right, np.float32(0.5) * down), none, 0.0)
+    evidence = JumpEvidence((right, down), (right, np.float32(0.5) * down), none, 0.0, 0.0)
     assert problem.contradiction(heights, evidence) == pytest.approx(0, abs=1e-12)
     jump = heights.copy()
     jump[1:-1, 11:-1] += 3

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -73,6 +74,21 @@ def test_smooth_surfaces_have_no_jumps() -> None:
     scale = np.ptp(plain.height)
     assert np.abs(jumps.height - plain.height).max() < 0.01 * scale
     assert len(height_mesh(jumps).faces) == len(height_mesh(plain).faces)
+
+
+@pytest.mark.parametrize("noise", ["squares", "blurred"])
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_that_neighbours_share_is_no_jump(noise: str, seed: int) -> None:
+    y, x = np.mgrid[1:-1:96j, -1:1:96j]
+    wave = np.dstack([0.5 * np.sin(5 * x), 0.5 * np.cos(4 * y), 0 * x + 1])
+    wave /= np.linalg.norm(wave, axis=2, keepdims=True)
+    rng = np.random.default_rng([940, seed])
+    if noise == "squares":
+        errors = rng.normal(size=(12, 12, 3)).repeat(8, axis=0).repeat(8, axis=1)
+    else:
+        errors = cv2.GaussianBlur(rng.normal(size=wave.shape), (0, 0), 2.0)
+    normals = NormalMap.from_vectors(wave + np.radians(3) * errors / errors.std())
+    assert integrate(normals).jumps is None
 
 
 def test_a_piece_whose_height_is_a_guess() -> None:
