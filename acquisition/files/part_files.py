@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from acquisition._errors import StorageError
-from rig.host import clock, files
+from rig.host import clock, filesystem
 
 if sys.platform == "win32":
     BINARY = os.O_BINARY
@@ -99,13 +99,13 @@ class Part:
     def close(self) -> None:
         """Close the file and release the lock; harmless if repeated."""
         if self.descriptor >= 0:
-            files.close(self.descriptor)
+            filesystem.close(self.descriptor)
             self.descriptor = -1
 
     def _create(self) -> bool:
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | NO_LINK | BINARY
         try:
-            self.descriptor = files.open_file(self.path, flags, 0o666)
+            self.descriptor = filesystem.open_file(self.path, flags, 0o666)
         except FileExistsError:
             return False
         # Another process may have removed it as abandoned before it was locked.
@@ -125,24 +125,24 @@ def clear(part: Path) -> bool:
             )
         if stat.S_ISREG(kind):
             return _clear_abandoned(part)
-        files.unlink(part)
+        filesystem.unlink(part)
     return True
 
 
 def _clear_abandoned(part: Path) -> bool:
     try:
-        descriptor = files.open_file(part, os.O_WRONLY | NO_LINK | BINARY)
+        descriptor = filesystem.open_file(part, os.O_WRONLY | NO_LINK | BINARY)
     except PermissionError:  # removing a file requires permission on its folder only
-        files.unlink(part)
+        filesystem.unlink(part)
         return True
     try:
         # If a third process was faster, the name now belongs to another file.
         free = lock_file(descriptor)
         if free and _is_at(descriptor, part):
-            files.unlink(part)
+            filesystem.unlink(part)
         return free
     finally:
-        files.close(descriptor)
+        filesystem.close(descriptor)
 
 
 def _is_at(descriptor: int, path: Path) -> bool:
@@ -168,7 +168,7 @@ def temporary(path: Path) -> Iterator[Part]:
         # If the process is killed here, the next write to the same path removes the file.
         with suppress(OSError):
             if part.is_there():
-                files.unlink(part.path)
+                filesystem.unlink(part.path)
         part.close()
 
 

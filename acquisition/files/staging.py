@@ -12,7 +12,7 @@ from typing import Final
 
 from acquisition._errors import DataError
 from acquisition.files.storage import disk, lock_folder, make_folder, sync_folder
-from rig.host import files
+from rig.host import filesystem
 
 _STAGING: Final = ".part-files"
 _WRITING: Final = "writing files into it"
@@ -54,12 +54,12 @@ def staged(folder: Path, replaced: Iterable[Path] = ()) -> Iterator[Path]:
     place = folder / _STAGING
     with disk(folder, "write"):
         _clear(place)
-        files.mkdir(place, 0o700)
+        filesystem.mkdir(place, 0o700)
     try:
         lock = lock_folder(place, _WRITING)
     except BaseException:
         with suppress(OSError):
-            files.rmdir(place)
+            filesystem.rmdir(place)
         raise
     try:
         try:
@@ -71,12 +71,12 @@ def staged(folder: Path, replaced: Iterable[Path] = ()) -> Iterator[Path]:
             for path in replaced:
                 path.unlink(missing_ok=True)
             for path in sorted(place.iterdir()):
-                files.replace(path, folder / path.name)
+                filesystem.replace(path, folder / path.name)
             sync_folder(folder)
-            files.rmdir(place)
+            filesystem.rmdir(place)
             sync_folder(folder)
     finally:
-        files.close(lock)
+        filesystem.close(lock)
 
 
 def check_staging_finished(folder: Path) -> None:
@@ -98,10 +98,10 @@ def _clear(place: Path) -> None:
     """Remove the hidden folder of a killed process, or anything else with its name."""
     with suppress(FileNotFoundError):
         if not stat.S_ISDIR(place.lstat().st_mode):
-            files.unlink(place)
+            filesystem.unlink(place)
             return
         lock = lock_folder(place, _WRITING)
         try:
             shutil.rmtree(place)
         finally:
-            files.close(lock)
+            filesystem.close(lock)

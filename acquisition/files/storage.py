@@ -23,7 +23,7 @@ from acquisition.files.part_files import is_part_file as is_part_file
 from acquisition.files.part_files import part_path as part_path
 from rig import SgpError
 from rig.files import note_read
-from rig.host import files
+from rig.host import filesystem
 
 if sys.platform != "win32":
     import fcntl
@@ -130,13 +130,13 @@ def published(path: Path) -> Iterator[Part]:
             part = kept.enter_context(temporary(path))
         yield part
         with disk(path, "write"):
-            files.fsync(part.descriptor)
+            filesystem.fsync(part.descriptor)
             check_publishing()
             if not part.is_there():
                 raise StorageError(f"{part.path}: was replaced by another program: try again")
             if sys.platform == "win32":  # Windows cannot rename an open file
                 part.close()
-            files.replace(part.path, path)
+            filesystem.replace(part.path, path)
             sync_folder(path.parent)
 
 
@@ -261,10 +261,10 @@ def open_binary(path: Path, flags: int) -> int:
 
 
 def _open(path: Path, flags: int) -> int:
-    descriptor = files.open_file(path, flags | BINARY, 0o666)
+    descriptor = filesystem.open_file(path, flags | BINARY, 0o666)
     if stat.S_ISREG(note_read(path, descriptor).st_mode):
         return descriptor
-    files.close(descriptor)
+    filesystem.close(descriptor)
     raise _irregular(path)
 
 
@@ -276,21 +276,21 @@ def append_durably(descriptor: int, path: Path, data: bytes) -> None:
     """Append to an open file and fsync it. After an error the end of the file is unknown."""
     with disk(path, "append"):
         write_whole(descriptor, data)
-        files.fsync(descriptor)
+        filesystem.fsync(descriptor)
 
 
 def write_whole(descriptor: int, data: bytes | memoryview) -> None:
     """Write all bytes: the system may accept only some of them per call."""
     view = memoryview(data)
     while view:
-        view = view[files.write(descriptor, view) :]
+        view = view[filesystem.write(descriptor, view) :]
 
 
 def write_whole_at(descriptor: int, data: memoryview, offset: int) -> None:
     """Write all bytes at an offset of an open file."""
     done = 0
     while done < len(data):
-        done += files.write_at(descriptor, data[done:], offset + done)
+        done += filesystem.write_at(descriptor, data[done:], offset + done)
 
 
 def make_folder(folder: Path) -> None:
@@ -308,7 +308,7 @@ def make_folder(folder: Path) -> None:
         new = [parent for parent in (folder, *folder.parents) if not parent.exists()]
         for parent in reversed(new):
             with suppress(FileExistsError):  # another program was faster
-                files.mkdir(parent)
+                filesystem.mkdir(parent)
         if not folder.is_dir():
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(folder))
         for created in new:
@@ -323,14 +323,14 @@ def sync_folder(folder: Path) -> None:
     """
     if sys.platform == "win32":
         return
-    descriptor = files.open_file(folder, os.O_RDONLY | os.O_DIRECTORY)
+    descriptor = filesystem.open_file(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        files.fsync(descriptor)
+        filesystem.fsync(descriptor)
     except OSError as error:
         if error.errno != errno.EINVAL:
             raise
     finally:
-        files.close(descriptor)
+        filesystem.close(descriptor)
 
 
 def lock_folder(folder: Path, doing: str = "recording into this session") -> int:
@@ -347,18 +347,18 @@ def lock_folder(folder: Path, doing: str = "recording into this session") -> int
         If the file system does not support locks.
     """
     if sys.platform == "win32":
-        return files.open_file(os.devnull, os.O_RDONLY)
+        return filesystem.open_file(os.devnull, os.O_RDONLY)
     with disk(folder, "lock"):
-        descriptor = files.open_file(folder, os.O_RDONLY | os.O_DIRECTORY)
+        descriptor = filesystem.open_file(folder, os.O_RDONLY | os.O_DIRECTORY)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            files.close(descriptor)
+            filesystem.close(descriptor)
             raise SessionInUseError(
                 f"{folder}: another process is {doing}; wait for it to end or choose another folder"
             ) from None
         except BaseException:
-            files.close(descriptor)
+            filesystem.close(descriptor)
             raise
     return descriptor
 

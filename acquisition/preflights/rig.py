@@ -13,7 +13,7 @@ from acquisition.plan.plan import CapturePlan
 from acquisition.preflights.check import Check, State
 from acquisition.selftests.led_test import selftest
 from rig import Rig, pluralize
-from rig.host import clock, files
+from rig.host import clock, filesystem
 
 FULL_LEVEL = 4095
 _HOT_C = 70.0
@@ -201,7 +201,7 @@ def _probe(place: Path) -> float:
     with disk(place, "write a file here"), temporary(place / "sgp-probe") as part:
         began_s = clock.monotonic()
         write_whole(part.descriptor, data)
-        files.fsync(part.descriptor)
+        filesystem.fsync(part.descriptor)
         sync_folder(place)
         seconds = clock.monotonic() - began_s
         same = read_back(part.path) == data

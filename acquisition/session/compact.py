@@ -37,7 +37,7 @@ from acquisition.session.opening import lock_session
 from acquisition.session.session import Session, examine
 from acquisition.session.session_frame import SessionFrame
 from rig import Progress, no_progress
-from rig.host import files
+from rig.host import filesystem
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ def compact_session(
         session = examination.sound()
         return _Compactor(folder, examination.journal, session).run(on_progress)
     finally:
-        files.close(lock)
+        filesystem.close(lock)
 
 
 class _Compactor:
@@ -196,7 +196,7 @@ class _Compactor:
         journal.append(EventLine, {"event": COMPACTED, "details": details})
         self._names.add(new.name)
         with disk(frame.path, "remove"):
-            files.unlink(frame.path)
+            filesystem.unlink(frame.path)
         return len(data)
 
     def _drop_original(self, frame: SessionFrame) -> None:
@@ -206,7 +206,7 @@ class _Compactor:
             return
         frame.read()
         with disk(original, "remove"):
-            files.unlink(original)
+            filesystem.unlink(original)
 
     def _free_path(self, path: Path) -> Path:
         """Return a path for a compressed file that no journal line names."""
@@ -227,7 +227,7 @@ class _Compactor:
             make_folder(aside.parent)
             with disk(mark, "set aside"):
                 write_durably(aside, read_file(mark))
-                files.unlink(mark)
+                filesystem.unlink(mark)
                 sync_folder(self._folder)
         details = {"software_version": software_version(), "unrecorded": []}
         path = self._folder / JOURNAL
@@ -247,7 +247,7 @@ class _Compactor:
         # A read-only disk refuses even to remove a file that does not exist.
         if os.path.lexists(aside) and not leaves(aside.parent, self._folder):
             with disk(aside, "remove"):
-                files.unlink(aside)
+                filesystem.unlink(aside)
 
     def _sweep(self) -> None:
         """Remove compressed files whose event was never written."""

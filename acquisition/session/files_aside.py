@@ -16,7 +16,7 @@ from acquisition.session.journal_frames import SetAsideFrame
 from acquisition.session.layout import FRAMES, SET_ASIDE_FOLDER, UNRECORDED, leaves
 from acquisition.session.session import Session
 from acquisition.session.session_frame import Damage
-from rig.host import files
+from rig.host import filesystem
 
 # The first format version that has the event.
 _SINCE = 3
@@ -122,7 +122,7 @@ def clear_frames(
         if is_hidden(path):
             if not path.is_dir():  # hidden folders belong to other programs and stay
                 with disk(path, "remove"):
-                    files.unlink(path)
+                    filesystem.unlink(path)
             continue
         place = places.get(path.name)
         target = place if place is not None and not os.path.lexists(place) else None
@@ -145,7 +145,7 @@ def _free(shelf: Path, name: str) -> Path:
 
 def _move(path: Path, target: Path) -> None:
     with disk(path, "set aside"):
-        files.rename(path, target)
+        filesystem.rename(path, target)
         sync_folder(target.parent)
         sync_folder(path.parent)
 

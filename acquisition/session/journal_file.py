@@ -22,7 +22,7 @@ from acquisition.session.journal import (
     encode_line,
     parse_journal,
 )
-from rig.host import clock, files
+from rig.host import clock, filesystem
 from rig.messages import validation_message
 
 Clock = Callable[[], datetime]
@@ -118,7 +118,7 @@ class JournalFile:
     def close(self) -> None:
         """Close the file; harmless if repeated."""
         if self._descriptor >= 0:
-            files.close(self._descriptor)
+            filesystem.close(self._descriptor)
             self._descriptor = -1
 
     def _seal(self, kind: type[AnyLine], values: Mapping[str, Any]) -> tuple[AnyLine, bytes, str]:

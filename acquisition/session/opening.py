@@ -27,7 +27,7 @@ from acquisition.session.layout import COMPLETE, FRAMES, JOURNAL, MANIFEST
 from acquisition.session.manifest import Manifest
 from acquisition.session.session import Examination, Session, examine
 from rig import Progress
-from rig.host import files
+from rig.host import filesystem
 
 
 class OpenSession(NamedTuple):
@@ -102,7 +102,7 @@ def take_up(folder: Path, *, set_aside_damaged: bool, on_progress: Progress) -> 
     """
     with ExitStack() as undo:
         lock = lock_session(folder)
-        undo.callback(files.close, lock)
+        undo.callback(filesystem.close, lock)
         examination = examine(folder)
         session = examination.sound(but_for_frames=set_aside_damaged)
         if session.complete and not set_aside_damaged:
@@ -129,7 +129,7 @@ def _reopened(examination: Examination, session: Session) -> JournalFile:
         # COMPLETE contains the hash of the journal, which is about to grow. Without COMPLETE the
         # session is incomplete, which is right, because some frames must be taken again.
         with disk(folder / COMPLETE, "remove"):
-            files.unlink(folder / COMPLETE)
+            filesystem.unlink(folder / COMPLETE)
             sync_folder(folder)
     names = frozenset(frame.path.name for frame in session.recorded)
     aside = clear_frames(folder, names, session.set_aside)
@@ -154,7 +154,7 @@ def begin(folder: Path, manifest: Manifest, clock: Clock) -> OpenSession:
     make_folder(folder)
     with ExitStack() as undo:
         lock = lock_folder(folder)
-        undo.callback(files.close, lock)
+        undo.callback(filesystem.close, lock)
         with disk(folder, "list the folder"):
             names = sorted(path.name for path in folder.iterdir())
         # A temporary file of a creation that was killed does not count.

@@ -27,7 +27,7 @@ from acquisition.session.session_frame import SessionFrame
 from acquisition.session.shared_files import SharedUse
 from rig import Progress, no_progress, pluralize
 from rig.arrays import UInt16
-from rig.host import files, threads
+from rig.host import filesystem, threads
 
 
 @dataclass(frozen=True)
@@ -314,7 +314,7 @@ class SessionWriter:
 
     def _release(self) -> None:
         self._journal.close()
-        files.close(self._lock)
+        filesystem.close(self._lock)
 
     def _append(self, kind: type[AnyLine], values: Mapping[str, Any]) -> AnyLine:
         with self._order:

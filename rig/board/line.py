@@ -17,7 +17,7 @@ from rig.board.protocol import (
     encode_command,
 )
 from rig.board.replies import Outcome, lost, overtaken, silent
-from rig.host import clock, files, lines, program
+from rig.host import clock, filesystem, lines, program
 
 # An unplugged port raises any of these; SerialException is an OSError.
 try:
@@ -251,11 +251,11 @@ class BoardLine:
             self._serial.write(data)
             return
         try:
-            files.write(fd, data)
+            filesystem.write(fd, data)
         except BlockingIOError:
             # The board does not read: discard what waits to be sent, this OFF matters more.
             self._serial.reset_output_buffer()
-            files.write(fd, data)
+            filesystem.write(fd, data)
 
 
 def _answers(reply: Reply, command: Command) -> bool:

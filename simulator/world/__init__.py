@@ -1,6 +1,6 @@
 """Recordings in virtual time: the real code, with faults from one seed that are replayable.
 
-``python benchmarks/world.py --help`` tells how to run many of them.
+``python benchmarks/world.py --help`` shows how to run many of them.
 """
 
 import lazy_loader

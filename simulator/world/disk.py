@@ -45,7 +45,7 @@ class _Change:
 
 
 class Disk:
-    """The changes of files below one folder, as `rig.host.files` has them.
+    """The changes of files below one folder, as `rig.host.filesystem` has them.
 
     Parameters
     ----------

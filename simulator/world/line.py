@@ -71,7 +71,7 @@ class WorldBoard:
             self.board.reset(self._scheduler.now_ns)
 
     def garbage(self, data: bytes) -> None:
-        """Let bytes arrive that nobody sent."""
+        """Let bytes arrive that no device has sent."""
         self.due_ns = 0
         self._to_host.append((self._scheduler.now_ns, data))
 

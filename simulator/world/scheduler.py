@@ -26,7 +26,7 @@ _LIMIT_STEPS = 400_000
 
 
 class KilledError(BaseException):
-    """The program has died: none of its steps has an effect any more."""
+    """The program has died: its further steps have no effect."""
 
 
 class StuckError(AssertionError):

@@ -14,7 +14,7 @@ from typing import Any, cast
 
 from rig import Rig, RigConfig
 from rig.board import Board
-from rig.host import clock, files, lines, program, threads
+from rig.host import clock, filesystem, lines, program, threads
 from rig.shooting import lights_off
 from simulator.camera.sensor import ImageFormation
 from simulator.led_board.faults import BoardFault, FaultKind
@@ -147,7 +147,7 @@ class World:
         self.board.repair()
 
     def forget_events(self) -> None:
-        """Let nothing happen any more."""
+        """Remove the faults that have not happened yet."""
         self._left.clear()
 
     def say(self, line: str) -> None:
@@ -257,7 +257,7 @@ class World:
             "rename",
         )
         changes = (*changes, "unlink", "mkdir", "rmdir")
-        own += [(files, name, getattr(disk, name)) for name in changes]
+        own += [(filesystem, name, getattr(disk, name)) for name in changes]
         own += [
             (time, name, self._refused(name)) for name in ("sleep", "monotonic", "monotonic_ns")
         ]

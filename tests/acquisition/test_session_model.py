@@ -1,4 +1,4 @@
-"""Random series of calls of the session store, beside a plain model of it."""
+"""Random series of calls of the session store, compared with a plain model of it."""
 
 from __future__ import annotations
 

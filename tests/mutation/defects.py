@@ -112,7 +112,7 @@ DEFECTS = (
         "",
     ),
     # Files.
-    Planted("no fsync of a file", _STORAGE, "            files.fsync(part.descriptor)\n", ""),
+    Planted("no fsync of a file", _STORAGE, "            filesystem.fsync(part.descriptor)\n", ""),
     Planted(
         "no fsync of a folder after a rename",
         _STORAGE,
@@ -122,19 +122,19 @@ DEFECTS = (
     Planted(
         "rename before fsync",
         _STORAGE,
-        "            files.fsync(part.descriptor)\n            check_publishing()",
+        "            filesystem.fsync(part.descriptor)\n            check_publishing()",
         "            check_publishing()",
     ),
     Planted(
         "a short write is complete",
         _STORAGE,
-        "        view = view[files.write(descriptor, view) :]",
-        "        files.write(descriptor, view)\n        view = view[len(view) :]",
+        "        view = view[filesystem.write(descriptor, view) :]",
+        "        filesystem.write(descriptor, view)\n        view = view[len(view) :]",
     ),
     Planted(
         "no fsync of the journal",
         _STORAGE,
-        "        write_whole(descriptor, data)\n        files.fsync(descriptor)",
+        "        write_whole(descriptor, data)\n        filesystem.fsync(descriptor)",
         "        write_whole(descriptor, data)",
     ),
     Planted(
@@ -163,7 +163,7 @@ DEFECTS = (
         '            values |= {"file": f"{FRAMES}/{path.name}", **asdict(stored)}\n'
         "            before_line()\n"
         "            line = self._append(FrameLine, values)\n"
-        "            files.rename(early, path)\n",
+        "            filesystem.rename(early, path)\n",
     ),
     Planted(
         "lines after a failed line",
@@ -211,7 +211,7 @@ DEFECTS = (
         "files without a line are deleted",
         _ASIDE,
         "        _move(path, target)\n    with disk(frames",
-        "        files.unlink(path)\n    with disk(frames",
+        "        filesystem.unlink(path)\n    with disk(frames",
     ),
     Planted(
         "a file is set aside before its event",
@@ -239,12 +239,6 @@ DEFECTS = (
         _VERIFY,
         "            damaged.append(frame.path.name)\n",
         "",
-    ),
-    Planted(
-        "the trigger before the LED",
-        _SHOOTING,
-        "        board.on(led, length_ms)\n",
-        "        bench.early = camera.trigger()\n        board.on(led, length_ms)\n",
     ),
     Planted(
         "a hold that is shorter than the exposure",
@@ -291,8 +285,8 @@ DEFECTS = (
     Planted(
         "fsync of the journal before the write",
         _STORAGE,
-        "        write_whole(descriptor, data)\n        files.fsync(descriptor)",
-        "        files.fsync(descriptor)\n        write_whole(descriptor, data)",
+        "        write_whole(descriptor, data)\n        filesystem.fsync(descriptor)",
+        "        filesystem.fsync(descriptor)\n        write_whole(descriptor, data)",
     ),
     Planted(
         "a shared lock",
@@ -311,7 +305,7 @@ DEFECTS = (
     Planted(
         "a torn line counts",
         _LINES,
-        "    if _seal_of(tail, previous) is not None:",
+        "    if _seal_of(line, previous) is not None:",
         "    if tail:",
     ),
     Planted(

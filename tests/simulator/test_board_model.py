@@ -1,4 +1,4 @@
-"""Random series of commands to the board, beside a plain model of its protocol."""
+"""Random series of commands to the board, compared with a plain model of its protocol."""
 
 from __future__ import annotations
 

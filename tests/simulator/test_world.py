@@ -8,6 +8,7 @@ import random
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -124,9 +125,10 @@ def test_a_schedule_file_is_checked(
 
 
 def test_real_time_in_a_world_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    # A module that takes the time from the operating system.
-    monkeypatch.setattr(clock, "monotonic", time.monotonic)
-    exec("import time\ndef crc16(data): return time.monotonic()", vars(protocol))
+    # A function of this module that takes the time from the operating system.
+    inside: dict[str, Any] = {"__name__": protocol.__name__, "time": time}
+    exec("def crc16(data): return time.monotonic()", inside)
+    monkeypatch.setattr(protocol, "crc16", inside["crc16"])
     world = World(CALM, tmp_path)
     ended = world.run("program", world.open_rig)
     assert "rig.board.protocol calls time.monotonic: use rig.host.clock" in str(ended.error)
@@ -185,7 +187,7 @@ def test_what_was_flushed_survives_a_power_loss(tmp_path: Path) -> None:
         assert path.name in "ab"
         data = path.read_bytes()
         assert data.startswith(b"safe")
-        assert data[4:] == bytes(len(data) - 4) or b"more".startswith(data[4:])
+        assert b"more".startswith(data[4:].rstrip(b"\0"))
 
 
 def test_what_was_not_flushed_may_be_lost(tmp_path: Path) -> None:
@@ -199,7 +201,7 @@ def test_what_was_not_flushed_may_be_lost(tmp_path: Path) -> None:
         disk.close(descriptor)
         disk.power_loss()
         left.add(*[path.read_bytes() for path in root.iterdir()] or [None])
-    assert {None, b"", b"more", bytes(4)} <= left
+    assert {None, b"", b"more", b"mor\0"} <= left
     assert len(left) > 5  # torn
 
 
