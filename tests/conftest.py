@@ -81,3 +81,18 @@ def _signals_stay():
     before = signal.getsignal(signal.SIGINT)
     yield
     signal.signal(signal.SIGINT, before)
+
+
+@pytest.fixture
+def world(tmp_path):
+    """A world without faults whose virtual time the test is in: waiting takes none of its own.
+
+    Tests wait with `rig.host.clock`.
+    """
+    from simulator.world import Schedule, World
+
+    folder = tmp_path / "world"
+    folder.mkdir()
+    world = World(Schedule(0, ()), folder, leds=36)
+    with world.inside():
+        yield world

@@ -20,19 +20,23 @@ class LightHistory(BenchWriter):
     def __init__(self) -> None:
         self.lit: list[LitPeriod] = []
         self.pulses: list[TriggerPulse] = []
+        self.changes = 0
 
     def light(self, led: int, start_ns: int, end_ns: int, level: int = FULL_LEVEL) -> int:
         """Record a period; see `BenchWriter`."""
+        self.changes += 1
         self.lit.append(LitPeriod(led, start_ns, end_ns, level))
         return len(self.lit) - 1
 
     def end(self, period: int, end_ns: int) -> None:
         """Move the end of a period; see `BenchWriter`."""
+        self.changes += 1
         old = self.lit[period]
         self.lit[period] = LitPeriod(old.led, old.start_ns, max(old.start_ns, end_ns), old.level)
 
     def pulse(self, time_ns: int) -> int:
         """Record a trigger pulse; see `BenchWriter`."""
+        self.changes += 1
         self.pulses.append(TriggerPulse(len(self.pulses), time_ns))
         return len(self.pulses) - 1
 
@@ -44,6 +48,7 @@ class LightHistory(BenchWriter):
         for number, pulse in enumerate(self.pulses):
             if now_ns < pulse.time_ns < NEVER_NS:
                 self.pulses[number] = TriggerPulse(number, NEVER_NS)
+                self.changes += 1
 
     def close(self) -> None:
         """Close nothing."""
@@ -55,6 +60,11 @@ class LightView(BenchState):
     def __init__(self, history: LightHistory) -> None:
         self._history = history
         self._exposures: list[ExposurePeriod] = []
+
+    @property
+    def changes(self) -> int:
+        """Number of changes by the board; see `BenchState`."""
+        return self._history.changes
 
     def periods(self) -> tuple[LitPeriod, ...]:
         """Return the last lit periods; see `BenchState`."""

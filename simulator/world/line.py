@@ -29,7 +29,14 @@ class WorldBoard:
         Owner of the time.
     leds
         Number of LEDs.
+
+    Attributes
+    ----------
+    port
+        Name of its port; each line of the world leads to it.
     """
+
+    port = "world"
 
     def __init__(self, scheduler: Scheduler, leds: int) -> None:
         self._scheduler = scheduler
@@ -59,6 +66,16 @@ class WorldBoard:
         """Add a fault to those that wait for their command."""
         self.faults.append(fault)
         self.board.set_faults(self.faults)
+
+    def set_faults(self, *faults: BoardFault) -> None:
+        """Replace the faults; the new ones apply to the commands sent from now on."""
+        self.faults = list(faults)
+        self.board.set_faults(self.faults)
+
+    def unplug(self) -> None:
+        """Remove the board for ever: an LED stays on until its declared end."""
+        self.due_ns = 0
+        self.back_ns = NEVER_NS
 
     def repair(self) -> None:
         """End all faults: the operator has checked board and cable."""

@@ -10,7 +10,7 @@ import random
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import numba
@@ -53,6 +53,11 @@ class Program:
         # What the main function returned or raised; None while it runs.
         self.result: object = None
         self.error: BaseException | None = None
+
+    def exit(self) -> None:
+        """Call the exit functions."""
+        while self.at_exit and not self.dead:
+            self.at_exit.pop()()
 
 
 class Task:
@@ -124,6 +129,29 @@ class Scheduler:
             raise self.failure
         return program
 
+    @contextmanager
+    def inside(self, name: str) -> Iterator[Program]:
+        """Make the calling thread the main thread of a program in the block."""
+        self._outside.acquire()
+        program = Program(name)
+        task = Task(program, f"{name} main", lambda: None)
+        task.ident = threading.get_ident()
+        self.tasks.append(task)
+        self.current = task
+        before = numba.get_num_threads()
+        numba.set_num_threads(1)  # kernels must not start threads of their own
+        try:
+            yield program
+        finally:
+            with suppress(KilledError):
+                program.exit()
+            numba.set_num_threads(before)
+            self._end(task)
+            self._outside.acquire()
+            self._outside.release()
+            if self.failure is not None:
+                raise self.failure
+
     def start(self, name: str, main: Callable[[], object]) -> Program:
         """Start a program; it gets its turn later."""
         program = Program(name)
@@ -132,8 +160,7 @@ class Scheduler:
             try:
                 program.result = main()
             finally:
-                while program.at_exit and not program.dead:
-                    program.at_exit.pop()()
+                program.exit()
 
         self.spawn(program, f"{name} main", whole)
         return program
@@ -271,10 +298,14 @@ class Scheduler:
                 program.error = error
             else:
                 self._fail(error)
+        self._end(task)
+
+    def _end(self, task: Task) -> None:
+        """Hand the turn on for the last time."""
         task.finished = True
         self.tasks.remove(task)
         if task.main:
-            program.dead = True  # daemon threads end with the program
+            task.program.dead = True  # daemon threads end with the program
         if self.tasks:
             self._hand_on(self._chosen())
         else:

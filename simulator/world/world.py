@@ -33,7 +33,6 @@ from simulator.world.scheduler import (
     replaced,
 )
 
-_PORT = "world"
 _DAY = datetime(2026, 1, 1, tzinfo=UTC)
 # Packages whose code may not use real time in a world.
 _OURS = ("rig", "acquisition", "simulator")
@@ -94,7 +93,7 @@ class World:
         self.camera_faults: dict[int, CameraFault] = {}
         self._formation = formation or ImageFormation(bench_sensor())
         self.config = RigConfig(
-            name=_PORT,
+            name="world",
             driver="world",
             leds=leds,
             trigger="board" if sequences else "software",
@@ -114,16 +113,20 @@ class World:
         self.powered = True
         with self._installed():
             ended = self.scheduler.run(name, main)
-        for one in [ended, *self.programs]:
-            self.disk.close_all(one)
-        lights_off.watched.clear()
-        if not self.powered:
-            self.disk.power_loss()
+        self._end(ended)
         return ended
+
+    @contextmanager
+    def inside(self) -> Iterator[None]:
+        """Make the calling thread a program of the world in the block, as a fixture needs it."""
+        self.powered = True
+        with self._installed(), self.scheduler.inside("block") as program:
+            yield
+        self._end(program)
 
     def open_rig(self) -> Rig:
         """Open the rig of the world; to be called in it."""
-        board = Board(_PORT)
+        board = Board(self.board.port)
         try:
             self.camera = WorldCamera(
                 self.leds, self.board.view, self._formation, self.camera_faults
@@ -211,6 +214,13 @@ class World:
                     scheduler.kill(one)
                 else:
                     one.pending.append(getattr(signal, kind))
+
+    def _end(self, ended: Program) -> None:
+        for one in [ended, *self.programs]:
+            self.disk.close_all(one)
+        lights_off.watched.clear()
+        if not self.powered:
+            self.disk.power_loss()
 
     def _running(self) -> list[Program]:
         return list(dict.fromkeys(task.program for task in self.scheduler.tasks))

@@ -1,6 +1,5 @@
 """A virtual board for the tests of the rig, and the light of its LEDs."""
 
-import time
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -8,6 +7,7 @@ import pytest
 
 from acquisition import NoiseModel
 from rig import Board, CameraFrame, Rig, RigConfig
+from rig.host import clock
 from simulator.bench import BenchState
 from simulator.camera import ImageFormation, VirtualCamera
 from simulator.led_board import VirtualBoard
@@ -33,16 +33,17 @@ def led_seen(frame: CameraFrame) -> int | None:
 class Bench:
     """A virtual board with its bench state, and rigs opened on them."""
 
-    def __init__(self) -> None:
-        self.virtual = VirtualBoard(36)
-        self.state = BenchState(self.virtual.bench_state_path)
+    def __init__(self, virtual, open_state: Callable[[], BenchState]) -> None:
+        self.virtual = virtual
+        self.state = open_state()
+        self._open_state = open_state
 
     def rig(self, *, faults=None, on_close: Callable[[], None] = lambda: None, **config) -> Rig:
         config = {"settle_ms": 0, "frame_timeout_s": 0.05, **config}
         camera = VirtualCamera(
             code_plane,
             size=SIZE,
-            bench=BenchState(self.virtual.bench_state_path),
+            bench=self._open_state(),
             faults=faults,
             # 10 electrons per grey value: the LED's code at 1000 us is 100 DN per LED.
             formation=ImageFormation(NoiseModel(10.0, 0.0, 0.0, 12), noisy=False),
@@ -54,43 +55,53 @@ class Bench:
             on_close=on_close,
         )
 
-    def close(self) -> None:
-        self.state.close()
-        self.virtual.close()
-
 
 def led_on(bench: Bench) -> int | None:
     """Return the LED that is on now."""
-    return bench.state.led(time.monotonic_ns())
+    return bench.state.led(clock.monotonic_ns())
 
 
 @pytest.fixture(scope="session")
 def shared_bench() -> Iterator[Bench]:
-    bench = Bench()
-    yield bench
-    bench.close()
+    with VirtualBoard(36) as virtual:
+        bench = Bench(virtual, lambda: BenchState(virtual.bench_state_path))
+        yield bench
+        bench.state.close()
 
 
 @pytest.fixture
-def bench(shared_bench: Bench) -> Iterator[Bench]:
-    """The shared bench, for tests that leave its process alive."""
+def bench(world) -> Bench:
+    """A bench in virtual time."""
+    return Bench(world.board, lambda: world.board.view)
+
+
+@pytest.fixture
+def real_bench(shared_bench: Bench) -> Iterator[Bench]:
+    """The bench with a board in a process that all tests share: they leave it alive."""
     shared_bench.virtual.set_faults()
     yield shared_bench
     shared_bench.virtual.set_faults()
 
 
-@pytest.fixture
-def own_bench() -> Iterator[Bench]:
-    """A bench for a test that kills its board."""
-    bench = Bench()
-    yield bench
-    bench.close()
+@pytest.fixture(params=["world", "process"])
+def each_bench(request) -> Bench:
+    """A bench in virtual time, and one with a board in a process."""
+    return request.getfixturevalue("bench" if request.param == "world" else "real_bench")
 
 
 @pytest.fixture
 def board(bench) -> Iterator[Board]:
     """A client of the bench's virtual board, which is dark."""
     board = Board(bench.virtual.port)
+    board.off()
+    yield board
+    board.close()
+
+
+@pytest.fixture
+def real_board(real_bench) -> Iterator[Board]:
+    """A client of the board in a process, which is dark."""
+    board = Board(real_bench.virtual.port)
     board.off()
     yield board
     board.close()

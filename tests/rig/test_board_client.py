@@ -2,13 +2,13 @@
 
 import signal
 import threading
-import time
 from itertools import product
 
 import pytest
 
 from rig import Board, BoardError
 from rig.board import Step
+from rig.host import clock
 from simulator.led_board import BoardFault
 from tests.cases import cases
 from tests.quick_sample import quick
@@ -43,7 +43,7 @@ def test_exactly_one_led_is_on(bench, board):
 
 def test_the_board_itself_ends_the_hold(bench, board):
     board.on(5, 30)
-    time.sleep(0.05)
+    clock.sleep(0.05)
     assert led_on(bench) is None
     last = bench.state.periods()[-1]
     assert last.end_ns - last.start_ns == 30_000_000
@@ -85,7 +85,7 @@ def test_one_failed_exchange_is_repaired_by_a_repetition(bench, board, fault):
 )
 def test_every_command_survives_a_failed_exchange_and_is_done_once(bench, board, verb, kind):
     board.load([Step(9, 1000, 2000, 0)])
-    since_ns = time.monotonic_ns()  # the rings hold the last 64 periods and pulses only
+    since_ns = clock.monotonic_ns()  # the rings hold the last 64 periods and pulses only
     bench.virtual.set_faults(BoardFault(kind=kind, verb=verb))
     VERBS[verb](board)
     board.off()
@@ -131,16 +131,16 @@ def test_a_flash_returns_its_report(bench, board):
     assert bench.state.periods()[-1].led == 7
 
 
-def test_a_flash_reports_the_exposure(own_bench):
-    board = Board(own_bench.virtual.port)
+def test_a_flash_reports_the_exposure(bench):
+    board = Board(bench.virtual.port)
     for end_us, expected in ((5000, (5000, False)), (90_000, (60_000, True))):
         board.begin_flash(7, 2000, 60_000)
         board.ping()
-        trigger_ns = own_bench.state.triggers()[-1].time_ns
-        own_bench.state.expose(trigger_ns, trigger_ns + end_us * 1000)
+        trigger_ns = bench.state.triggers()[-1].time_ns
+        bench.state.expose(trigger_ns, trigger_ns + end_us * 1000)
         report = board.end_flash()
         assert (report.active_us, report.cut_off) == expected
-        time.sleep(0.1)
+        clock.sleep(0.1)
     board.close()
 
 
@@ -156,10 +156,10 @@ def test_queries_are_answered_during_a_flash(bench, board):
 
 def test_a_reply_to_a_flash_that_arrived_earlier_is_found(bench, board):
     board.begin_flash(7, 0, 1000)
-    time.sleep(0.3)
+    clock.sleep(0.3)
     assert board.end_flash().lit_us == 1000
     board.begin_flash(8, 0, 1000)
-    time.sleep(0.3)
+    clock.sleep(0.3)
     board.ping()
     assert board.end_flash().led == 8
 
@@ -173,7 +173,7 @@ def test_a_flash_that_was_ended_has_no_report(bench, board):
 
 def test_the_next_ping_reports_a_refused_flash(bench, board):
     board.begin_flash(36, 0, 1000)
-    time.sleep(0.05)
+    clock.sleep(0.05)
     with pytest.raises(BoardError, match=r"FLASH LED 36 .*the board refused, error 3"):
         board.ping()
     board.begin_flash(36, 0, 1000)
@@ -203,7 +203,7 @@ def test_level_dims_an_led(bench, board):
 
 
 def test_the_next_ping_reports_a_restart(bench, board):
-    time.sleep(0.05)
+    clock.sleep(0.05)
     board.ping()
     bench.virtual.set_faults(BoardFault(kind="reset", verb="STATUS"))
     with pytest.raises(BoardError, match="restarted") as error:
@@ -214,8 +214,8 @@ def test_the_next_ping_reports_a_restart(bench, board):
 
 def test_a_flash_that_may_have_been_repeated_by_a_restart_is_refused(bench, board):
     bench.virtual.set_faults(BoardFault(kind="reset-after", verb="FLASH"))
-    time.sleep(0.1)
-    since_ns = time.monotonic_ns()
+    clock.sleep(0.1)
+    since_ns = clock.monotonic_ns()
     with pytest.raises(BoardError, match="restarted"):
         board.flash(7, 0, 1000)
     assert any(pulse.time_ns > since_ns for pulse in bench.state.triggers())
@@ -232,10 +232,10 @@ def test_darken_does_not_wait(bench, board):
     board.on(7, 5000)
     board.darken()
     # The board needs only a moment; nothing was read.
-    ends = time.monotonic() + 5
+    ends = clock.monotonic() + 5
     while led_on(bench) is not None:
-        assert time.monotonic() < ends
-        time.sleep(0.002)
+        assert clock.monotonic() < ends
+        clock.sleep(0.002)
     # The light was cut off: the next OFF must not name the LED as on until then.
     assert board.off().led is None
     assert board.on(8, 5000).led == 8
@@ -299,9 +299,9 @@ def test_darken_in_a_signal_handler_turns_the_led_off(bench, board):
     assert board.status().led is None
 
 
-def test_darken_raises_nothing_without_a_board(own_bench):
-    board = Board(own_bench.virtual.port)
-    own_bench.virtual.unplug()
+def test_darken_raises_nothing_without_a_board(bench):
+    board = Board(bench.virtual.port)
+    bench.virtual.unplug()
     board.darken()
     board.close()
     board.darken()

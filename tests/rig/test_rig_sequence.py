@@ -2,7 +2,6 @@
 
 import contextlib
 import itertools
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rig import BoardError, CameraError, CameraFrame, CameraInfo, RigConfig, RigError
+from rig.host import clock
 from rig.shooting import ShotTimes
 from rig.shooting.frame_proof import Spacing
 from rig.shooting.sequence import runs
@@ -147,7 +147,7 @@ def test_closing_the_iterator_turns_the_led_off(bench):
         shots.close()
         assert led_on(bench) is None
         before = bench.state.changes
-        time.sleep(0.1)
+        clock.sleep(0.1)
         assert bench.state.changes == before
         assert rig.board.status().state == "IDLE"
         assert led_seen(rig.shoot(3, EXPOSURE_US).frame) == 3
@@ -157,7 +157,7 @@ def test_a_caller_that_pauses_too_long_stops_the_run(bench):
     with bench.rig(**{**FAST, "frame_period_ms": 200.0}) as rig:
         shots = rig.sequence(range(20), EXPOSURE_US)
         next(shots)
-        time.sleep(2.0)
+        clock.sleep(2.0)
         with pytest.raises(RigError, match=r"stopped by itself, because .* sign of life"):
             list(shots)
         assert led_on(bench) is None

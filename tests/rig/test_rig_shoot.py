@@ -2,7 +2,6 @@
 
 import contextlib
 import random
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +9,7 @@ import pytest
 
 import rig.shooting.shooting
 from rig import Board, BoardError, CameraError, CameraFrame, FrameLostError, RigError
+from rig.host import clock
 from rig.shooting import ShotTimes
 from rig.shooting.frame_proof import FlashChain
 from simulator.camera import VirtualCamera
@@ -67,7 +67,7 @@ def test_a_computer_that_is_too_busy_is_reported_and_the_shot_can_be_repeated(
         stalls = iter([1.2, 0.0])
 
         def stalled(*words):
-            time.sleep(next(stalls))
+            clock.sleep(next(stalls))
             return real(*words)
 
         monkeypatch.setattr(rig.camera, stalled_at, stalled)
@@ -82,9 +82,9 @@ def late(rig, monkeypatch, seconds):
     fetch = rig.camera.fetch
 
     def fetch_late(frame_id, timeout_s, waiting=None):
-        ends = time.monotonic() + seconds
-        while time.monotonic() < ends:
-            time.sleep(0.02)
+        ends = clock.monotonic() + seconds
+        while clock.monotonic() < ends:
+            clock.sleep(0.02)
             if waiting is not None:
                 waiting()
         return fetch(frame_id, timeout_s, waiting)
@@ -220,14 +220,14 @@ def test_an_exposure_longer_than_the_watchdog_time_is_not_cut_off(bench):
 
 
 @pytest.mark.parametrize("answer", ["resets", "is unplugged"])
-def test_a_board_that_fails_while_a_frame_is_awaited_ends_the_wait(own_bench, answer):
-    rig = own_bench.rig(frame_timeout_s=60.0, faults={0: "lost"})
+def test_a_board_that_fails_while_a_frame_is_awaited_ends_the_wait(bench, answer):
+    rig = bench.rig(frame_timeout_s=60.0, faults={0: "lost"})
     fault = BoardFault(kind="reset" if answer == "resets" else "die", verb="STATUS")
-    own_bench.virtual.set_faults(fault)
-    began = time.monotonic()
+    bench.virtual.set_faults(fault)
+    began = clock.monotonic()
     with pytest.raises(BoardError, match=r"LED 5 was requested|unplugged"):
         rig.shoot(5, EXPOSURE_US)
-    assert time.monotonic() - began < 20
+    assert clock.monotonic() - began < 20
     with contextlib.suppress(BoardError):
         rig.close()
 
@@ -254,11 +254,11 @@ def test_a_frame_of_another_shot_is_refused(bench, monkeypatch):
         assert led_on(bench) is None
 
 
-def test_a_failing_off_does_not_hide_the_first_error(own_bench, monkeypatch):
-    rig = own_bench.rig()
+def test_a_failing_off_does_not_hide_the_first_error(bench, monkeypatch):
+    rig = bench.rig()
 
     def unplugged_too(frame_id, timeout_s, waiting):
-        own_bench.virtual.unplug()
+        bench.virtual.unplug()
         raise CameraError("the first thing to go wrong")
 
     monkeypatch.setattr(rig.camera, "fetch", unplugged_too)
@@ -301,7 +301,7 @@ def test_a_reset_while_the_port_opens_does_not_count_as_a_restart(bench):
         assert led_seen(rig.shoot(3, EXPOSURE_US).frame) == 3
         # A later reset counts.
         bench.virtual.set_faults(BoardFault(kind="reset", verb="STATUS"))
-        time.sleep(0.6)
+        clock.sleep(0.6)
         with pytest.raises(BoardError, match="restarted"):
             rig.board.ping()
 
@@ -369,10 +369,10 @@ def test_closing_turns_the_led_off_and_closes_everything_once(bench):
         rig.camera.arm()
 
 
-def test_closing_an_unplugged_rig_closes_the_rest_and_raises(own_bench):
+def test_closing_an_unplugged_rig_closes_the_rest_and_raises(bench):
     closed = []
-    rig = own_bench.rig(on_close=lambda: closed.append(True))
-    own_bench.virtual.unplug()
+    rig = bench.rig(on_close=lambda: closed.append(True))
+    bench.virtual.unplug()
     with pytest.raises(BoardError, match="unplugged"):
         rig.close()
     assert closed == [True]
