@@ -9,7 +9,7 @@ from serial import SerialException
 
 from simulator.led_board.faults import BoardFault, FaultyBoard, PowerCutError
 from simulator.led_board.firmware import BoardFirmware
-from simulator.led_board.outputs import ActiveInput, BoardOutputs
+from simulator.led_board.outputs import ActiveInput, BoardOutputs, Event
 from simulator.world.light import LightHistory, LightView
 from simulator.world.scheduler import NEVER_NS, Scheduler
 
@@ -43,7 +43,8 @@ class WorldBoard:
         self.history = LightHistory()
         self.view = LightView(self.history)
         self._outputs = BoardOutputs(self.history)
-        firmware = BoardFirmware(leds, self._outputs, ActiveInput(self.view), scheduler.now_ns)
+        self._active = ActiveInput(self.view)
+        firmware = BoardFirmware(leds, self._outputs, self._active, scheduler.now_ns)
         self.board = FaultyBoard(firmware, self._outputs)
         self.faults: list[BoardFault] = []
         # When the board is on the line again; it is now if this is not later than now.
@@ -71,6 +72,26 @@ class WorldBoard:
         """Replace the faults; the new ones apply to the commands sent from now on."""
         self.faults = list(faults)
         self.board.set_faults(self.faults)
+
+    def set_active(self, up: bool) -> None:
+        """Set the level of the exposure-active input."""
+        self.advance()
+        self.due_ns = 0
+        self._active.set(up, self._scheduler.now_ns)
+
+    def reset(self) -> None:
+        """Restart the firmware."""
+        self.advance()
+        self.due_ns = 0
+        self.board.reset(self._scheduler.now_ns)
+
+    def events(self) -> list[Event]:
+        """Return the edges since the last call; see `BoardOutputs.events`."""
+        return self._outputs.events(self._scheduler.now_ns)
+
+    def next_event_ns(self) -> int:
+        """Return when the next edge is, or the board does something."""
+        return min(self.due_ns, self._outputs.next_event_ns(self._scheduler.now_ns))
 
     def unplug(self) -> None:
         """Remove the board for ever: an LED stays on until its declared end."""

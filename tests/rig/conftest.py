@@ -1,6 +1,7 @@
 """A virtual board for the tests of the rig, and the light of its LEDs."""
 
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -61,12 +62,26 @@ def led_on(bench: Bench) -> int | None:
     return bench.state.led(clock.monotonic_ns())
 
 
-@pytest.fixture(scope="session")
-def shared_bench() -> Iterator[Bench]:
+@contextmanager
+def process_bench() -> Iterator[Bench]:
+    """Start a board in a process."""
     with VirtualBoard(36) as virtual:
         bench = Bench(virtual, lambda: BenchState(virtual.bench_state_path))
         yield bench
         bench.state.close()
+
+
+@pytest.fixture(scope="session")
+def shared_bench() -> Iterator[Bench]:
+    with process_bench() as bench:
+        yield bench
+
+
+@pytest.fixture
+def own_bench() -> Iterator[Bench]:
+    """A bench for a test that kills the process of its board."""
+    with process_bench() as bench:
+        yield bench
 
 
 @pytest.fixture

@@ -1,14 +1,13 @@
 """The board client with a virtual board that has faults."""
 
 import signal
-import threading
 from itertools import product
 
 import pytest
 
 from rig import Board, BoardError
 from rig.board import Step
-from rig.host import clock
+from rig.host import clock, threads
 from simulator.led_board import BoardFault
 from tests.cases import cases
 from tests.quick_sample import quick
@@ -203,7 +202,7 @@ def test_level_dims_an_led(bench, board):
 
 
 def test_the_next_ping_reports_a_restart(bench, board):
-    clock.sleep(0.05)
+    clock.sleep(0.6)
     board.ping()
     bench.virtual.set_faults(BoardFault(kind="reset", verb="STATUS"))
     with pytest.raises(BoardError, match="restarted") as error:
@@ -244,12 +243,17 @@ def test_darken_does_not_wait(bench, board):
 
 def test_a_command_overtaken_by_darken_is_not_sent_again(bench, board):
     bench.virtual.set_faults(BoardFault(kind="drop-reply", verb="ON", times=2))
-    timer = threading.Timer(0.1, board.darken)
-    timer.start()
+
+    def darken():
+        clock.sleep(0.1)
+        board.darken()
+
+    thread = threads.Thread(target=darken)
+    thread.start()
     with pytest.raises(BoardError, match="turned off meanwhile") as error:
         board.on(7, 5000)
     one_line(error, board.port, "ON LED 7")
-    timer.join()
+    thread.join()
     assert led_on(bench) is None
 
 
@@ -265,43 +269,43 @@ def test_a_flash_overtaken_by_darken_is_not_sent_again(bench, board):
     "sent", [0, 7, -1, None], ids=["before", "in the middle", "before its end", "after"]
 )
 def test_darken_during_the_writing_of_a_command_leaves_all_leds_off(
-    bench, board, monkeypatch, sent
+    real_board, monkeypatch, sent
 ):
-    port = board._line._serial
+    port = real_board._line._serial
     write = port.write
 
     def overtaken(line):
         monkeypatch.undo()
         write(line[:sent])
-        board.darken()
+        real_board.darken()
         write(line[len(line[:sent]) :])
 
     monkeypatch.setattr(port, "write", overtaken)
     with pytest.raises(BoardError, match="turned off meanwhile"):
-        board.on(7, 5000)
-    assert board.status().led is None
+        real_board.on(7, 5000)
+    assert real_board.status().led is None
 
 
-def test_darken_in_a_signal_handler_turns_the_led_off(bench, board):
-    bench.virtual.set_faults(BoardFault(kind="drop-reply", verb="ON", times=9))
+def test_darken_in_a_signal_handler_turns_the_led_off(real_bench, real_board):
+    real_bench.virtual.set_faults(BoardFault(kind="drop-reply", verb="ON", times=9))
 
     def handler(number, frame):
-        board.darken()
+        real_board.darken()
         raise SystemExit
 
     before = signal.signal(signal.SIGALRM, handler)
     try:
         signal.setitimer(signal.ITIMER_REAL, 0.1)
         with pytest.raises(SystemExit):
-            board.on(7, 5000)
+            real_board.on(7, 5000)
     finally:
         signal.signal(signal.SIGALRM, before)
-    assert board.status().led is None
+    assert real_board.status().led is None
 
 
-def test_darken_raises_nothing_without_a_board(bench):
-    board = Board(bench.virtual.port)
-    bench.virtual.unplug()
+def test_darken_raises_nothing_without_a_board(own_bench):
+    board = Board(own_bench.virtual.port)
+    own_bench.virtual.unplug()
     board.darken()
     board.close()
     board.darken()

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from tests.quick_sample import quick
-from tests.rig.conformance import CHECKS, BoardUnderTest, run_checks
+from tests.rig.conformance import CHECKS, BoardUnderTest, check, run_checks
+from tests.rig.conformance.world import WorldUnderTest
 from tests.rig.firmware import builds
 
 VIRTUAL = [sys.executable, "-m", "simulator.board", "36", "events"]
@@ -37,7 +38,12 @@ def board(request, tmp_path_factory) -> Iterator[BoardUnderTest]:
         yield board
 
 
-@pytest.mark.parametrize("name", quick(CHECKS, every=2))
+@pytest.mark.parametrize("name", CHECKS)
+def test_the_board_of_a_world(world, name):
+    check(WorldUnderTest(world), name)
+
+
+@pytest.mark.parametrize("name", quick(CHECKS, every=10))
 def test_board(board, name):
     # A busy computer may keep a board program from running while a check waits for it.
     assert run_checks(board, [name], attempts=3) == []

@@ -5,11 +5,11 @@ from __future__ import annotations
 import binascii
 import os
 import select
-import time
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from rig.host import clock
 from tests.rig.board_program import BoardProgram, Event
 
 # Limits for the start of a program, an answer and an edge on a computer with other load.
@@ -51,8 +51,11 @@ class BoardUnderTest(BoardProgram):
     """
 
     def __init__(self, command: list[str], *, late_us: int) -> None:
-        self.late_us = late_us
         super().__init__(command)
+        self._begin(late_us)
+
+    def _begin(self, late_us: int) -> None:
+        self.late_us = late_us
         self._events: deque[Event] = deque()
         # All edges since the start.
         self.seen: list[Event] = []
@@ -100,8 +103,8 @@ class BoardUnderTest(BoardProgram):
         """Send bytes unchanged, no faster than a wire does."""
         for start in range(0, len(data), PIECE):
             if start:
-                time.sleep(PIECE_S)
-            os.write(self._fd, data[start : start + PIECE])
+                clock.sleep(PIECE_S)
+            self._send(data[start : start + PIECE])
 
     def send(self, words: str, seq: int | None = None) -> int:
         """Send a command; return its number."""
@@ -149,11 +152,11 @@ class BoardUnderTest(BoardProgram):
         """Wait until the board's own clock has advanced by this time; this sends STATUS."""
         start_ms = self.status().uptime_ms
         while self.status().uptime_ms - start_ms <= ms:
-            time.sleep(0.01)
+            clock.sleep(0.01)
 
     def lines(self, timeout_s: float) -> Iterator[str]:
         """Yield the lines that arrive within a time."""
-        ends_s = time.monotonic() + timeout_s
+        ends_s = clock.monotonic() + timeout_s
         while True:
             text, found, rest = self._rest.partition(b"\n")
             if found:
@@ -162,7 +165,7 @@ class BoardUnderTest(BoardProgram):
                 continue
             ready = self._await(ends_s, self._fd, self._output)
             if self._fd in ready:
-                self._rest += os.read(self._fd, 4096)
+                self._rest += self._receive()
             if self._output in ready:
                 self._take_events()
             if not ready:
@@ -170,7 +173,7 @@ class BoardUnderTest(BoardProgram):
 
     def next_event(self, timeout_s: float) -> Event | None:
         """Return the next edge, None if no edge arrives within a time."""
-        ends_s = time.monotonic() + timeout_s
+        ends_s = clock.monotonic() + timeout_s
         while not self._events:
             if not self._await(ends_s, self._output):
                 return None
@@ -231,7 +234,7 @@ class BoardUnderTest(BoardProgram):
         )
 
     def _first_line(self) -> str:
-        ends_s = time.monotonic() + START_S
+        ends_s = clock.monotonic() + START_S
         while not self._events:
             assert self._await(ends_s, self._output), "the program does not start"
             self._take_events()
@@ -244,9 +247,14 @@ class BoardUnderTest(BoardProgram):
         self._events.extend(events)
         self.seen.extend(events)
 
-    @staticmethod
-    def _await(ends_s: float, *fds: int) -> list[int]:
-        return select.select(fds, [], [], max(0.0, ends_s - time.monotonic()))[0]
+    def _send(self, data: bytes) -> None:
+        os.write(self._fd, data)
+
+    def _receive(self) -> bytes:
+        return os.read(self._fd, 4096)
+
+    def _await(self, ends_s: float, *fds: int) -> list[int]:
+        return select.select(fds, [], [], max(0.0, ends_s - clock.monotonic()))[0]
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import time
 
+from rig.host import clock
 from tests.rig.conformance._check import check
 from tests.rig.conformance.board import BoardUnderTest, line
 
@@ -100,7 +100,7 @@ def _(board: BoardUnderTest) -> None:
 def _(board: BoardUnderTest) -> None:
     board.ok("ON 7 400")
     board.lit(7)
-    time.sleep(0.2)
+    clock.sleep(0.2)
     board.ok("ON 7 400")
     again = next((e["us"] for e in board.drain() if e.get("lit") == [7]), None)
     off = board.lit()
@@ -164,7 +164,7 @@ def _(board: BoardUnderTest) -> None:
     first = board.status()
     assert (first.led, first.state) == ("-", "IDLE")
     board.ok("ON 9 5000")
-    time.sleep(0.2)
+    clock.sleep(0.2)
     then = board.status()
     assert (then.led, then.state, then.trips) == ("9", "ON", first.trips)
     assert 100 <= then.uptime_ms - first.uptime_ms <= 5000
@@ -283,7 +283,7 @@ def _(board: BoardUnderTest) -> None:
         assert board.ok(words) == words.partition(" ")[2]
     board.ok("OFF")
     board.send(f"FLASH {last} 1000000 {hold_us - 1_000_000}")
-    time.sleep(0.05)
+    clock.sleep(0.05)
     assert board.status().state == "FLASH"
     board.ok("OFF")
     assert board.ok("FLASH 0 0 10").split()[0] == "0"

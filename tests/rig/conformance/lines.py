@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import time
 
+from rig.host import clock
 from tests.rig.conformance._check import check
 from tests.rig.conformance.board import BoardUnderTest, line, signed
 
@@ -120,7 +120,7 @@ def _(board: BoardUnderTest) -> None:
     whole = line(board.next_seq(), "ON 7 1000")
     board.write(whole[:9])
     # Wait until it has arrived before the reset, otherwise it would be lost.
-    time.sleep(0.1)
+    clock.sleep(0.1)
     board.order("reset")
     board.write(whole[9:])
     board.greet()
@@ -133,7 +133,7 @@ def _(board: BoardUnderTest) -> None:
     seq = board.next_seq()
     for byte in line(seq, "LEVEL 3 4095"):
         board.write(bytes((byte,)))
-        time.sleep(0.002)
+        clock.sleep(0.002)
     assert board.answer(seq) == "OK LEVEL 3 4095"
 
 

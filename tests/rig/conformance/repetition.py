@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import time
 
+from rig.host import clock
 from tests.rig.conformance._check import check
 from tests.rig.conformance.board import BoardUnderTest
 
@@ -14,7 +14,7 @@ def _(board: BoardUnderTest) -> None:
     first = board.ask("ON 7 600", seq)
     on = board.lit(7)
     for _ in range(3):
-        time.sleep(0.1)
+        clock.sleep(0.1)
         assert board.ask("ON 7 600", seq) == first
     board.after(on, board.lit(), 600_000)
     # It does not turn the LED on again either.
@@ -64,7 +64,7 @@ def _(board: BoardUnderTest) -> None:
     board.lit(7)
     asking = board.next_seq()
     first = board.ok("STATUS", asking)
-    time.sleep(0.05)
+    clock.sleep(0.05)
     assert board.ok("STATUS", asking) != first
     assert board.ok("ID", asking) == board.ok("ID", asking)
     assert board.ask("DID 0", asking).split()[1:3] == ["DID", "0"] or board.ask("DID 0")
@@ -78,7 +78,7 @@ def _(board: BoardUnderTest) -> None:
 def _(board: BoardUnderTest) -> None:
     seq = board.send("FLASH 7 100000 400000")
     for _ in range(3):
-        time.sleep(0.05)
+        clock.sleep(0.05)
         board.send("FLASH 7 100000 400000", seq)
     flash = board.flash(7)
     board.after(flash.on, flash.off, 500_000)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import time
 
+from rig.host import clock
 from tests.rig.conformance._check import check
 from tests.rig.conformance.board import BoardUnderTest, line
 
@@ -27,7 +27,7 @@ def _(board: BoardUnderTest) -> None:
     before = board.status().trips
     board.ok("ON 7 300")
     board.after(board.lit(7), board.lit(), 300_000)
-    time.sleep(1.0)
+    clock.sleep(1.0)
     assert board.status().trips == before
 
 
@@ -44,7 +44,7 @@ def _(board: BoardUnderTest) -> None:
         while passed_ms <= board.identity.watchdog_ms:
             start_ms = board.status().uptime_ms
             for _ in range(signs):
-                time.sleep(0.25)
+                clock.sleep(0.25)
                 board.ask(words, number)
             status = board.status()
             assert (status.led, status.trips) == ("7", before.trips), f"{words} is no sign of life"
@@ -60,7 +60,7 @@ def _(board: BoardUnderTest) -> None:
     board.ok("ON 7 5000")
     on = board.lit(7)
     for _ in range(9):
-        time.sleep(0.1)
+        clock.sleep(0.1)
         board.write(line(1, "STATUS").replace(b"S", b"T") + b"\n\n" + b"x" * 90 + b"\n")
     board.after(on, board.lit(), watchdog_us(board))
 
@@ -108,7 +108,7 @@ def _(board: BoardUnderTest) -> None:
         board.ok(f"STEP {index} {index} 0 500000 1000")
     board.ok("RUN 3 T")
     while board.status().state == "RUN":
-        time.sleep(0.1)
+        clock.sleep(0.1)
     for led in range(3):
         board.flash(led)
     status = board.status()
