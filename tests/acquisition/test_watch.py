@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import threading
-import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -31,6 +29,9 @@ from acquisition.imports import watch_files as _watch_files
 from acquisition.pixels import write_tiff
 from acquisition.session import Manifest, SessionWriter
 from rig.arrays import UInt16
+from rig.host import clock, threads
+
+pytestmark = pytest.mark.usefixtures("world")
 
 SHAPE = (8, 10)
 BEGIN_NS = 1_700_000_000 * 10**9
@@ -148,12 +149,12 @@ def test_an_image_after_a_gap_does_not_wait_for_ever(folder: Path, out: Path) ->
     for number in range(6):
         shoot(folder, number, 0.6 * number)
     shoot(folder, 6, 0.6 * 7)
-    began_s = time.monotonic()
+    began_s = clock.monotonic()
     reported_s: dict[str, float] = {}
     result = watch_folder(
         watch(folder, timeout_s=3.0, interval_s=0.6),
         out,
-        on_message=lambda line: reported_s.setdefault(line, time.monotonic() - began_s),
+        on_message=lambda line: reported_s.setdefault(line, clock.monotonic() - began_s),
     )
     assert [shot.file for shot in result.missing] == ["L06_E0.tif"]
     assert 1.2 <= reported_s["IMG_0006.png is L07_E0"] < 2.5
@@ -190,8 +191,8 @@ def test_more_images_than_lights_are_named(folder: Path, out: Path) -> None:
     assert any("IMG_0006.png: no shot is left" in line for line in map(str, result.warnings))
 
 
-def in_background(work: Callable[[], None]) -> threading.Thread:
-    thread = threading.Thread(target=work, daemon=True)
+def in_background(work: Callable[[], None]) -> threads.Thread:
+    thread = threads.Thread(target=work, daemon=True)
     thread.start()
     return thread
 
@@ -213,7 +214,7 @@ def test_images_are_recorded_as_they_appear_and_only_when_complete(folder: Path,
                     file.write(data[start : start + len(data) // 3 + 1])
                     file.flush()
                     # Longer than a file must stay unchanged to count as complete.
-                    time.sleep(0.12)
+                    clock.sleep(0.12)
             os.utime(path, ns=(status.st_mtime_ns, status.st_mtime_ns))
 
     thread = in_background(camera)

@@ -7,7 +7,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Iterable
 from pathlib import Path
@@ -18,6 +17,9 @@ import pytest
 
 from acquisition import DataError, Session, verify_session, watch_folder, write_png
 from acquisition.imports import Watch, WatchResult, lights_in_order
+from rig.host import clock, threads
+
+pytestmark = pytest.mark.usefixtures("world")
 
 ROOT = Path(__file__).parents[2]
 PROGRAM = """
@@ -62,10 +64,10 @@ def lights(out: Path) -> dict[int, int]:
 
 
 def until(condition: Any, seconds: float = 20.0) -> None:
-    end_s = time.monotonic() + seconds
+    end_s = clock.monotonic() + seconds
     while not condition():
-        assert time.monotonic() < end_s, "waited in vain"
-        time.sleep(0.02)
+        assert clock.monotonic() < end_s, "waited in vain"
+        clock.sleep(0.02)
 
 
 def start(folder: Path, out: Path, leds: int) -> subprocess.Popen[bytes]:
@@ -99,7 +101,7 @@ def test_a_process_that_ends_and_a_pause_lose_nothing(
     process = start(folder, out, 9)
     for number in (7, 6, 8):
         shoot(folder, number)
-        time.sleep(0.3)
+        clock.sleep(0.3)
     assert process.wait(20) == 0
     assert lights(out) == {number: number for number in range(9)}
     assert Session.open(out).complete
@@ -115,10 +117,10 @@ def test_an_image_that_arrives_in_pieces_keeps_its_light(folder: Path, out: Path
     def finish() -> None:
         until(lambda: (out / "frames" / "L03_E0.tif").exists())
         (folder / "IMG_0001.png").write_bytes(data[:120])
-        time.sleep(0.3)
+        clock.sleep(0.3)
         (folder / "IMG_0001.png").write_bytes(data)
 
-    thread = threading.Thread(target=finish)
+    thread = threads.Thread(target=finish)
     thread.start()
     result = watch(folder, out, 4, timeout_s=5.0, lines=lines)
     thread.join()

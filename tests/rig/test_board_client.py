@@ -10,7 +10,6 @@ from rig.board import Step
 from rig.host import clock, threads
 from simulator.led_board import BoardFault
 from tests.cases import cases
-from tests.quick_sample import quick
 from tests.rig.board_calls import VERBS, one_line
 from tests.rig.conftest import led_on
 
@@ -80,7 +79,7 @@ def test_one_failed_exchange_is_repaired_by_a_repetition(bench, board, fault):
 
 @pytest.mark.parametrize(
     ("kind", "verb"),
-    quick(product(("drop-command", "drop-reply", "corrupt-reply", "double-reply"), VERBS), every=3),
+    list(product(("drop-command", "drop-reply", "corrupt-reply", "double-reply"), VERBS)),
 )
 def test_every_command_survives_a_failed_exchange_and_is_done_once(bench, board, verb, kind):
     board.load([Step(9, 1000, 2000, 0)])
@@ -268,9 +267,7 @@ def test_a_flash_overtaken_by_darken_is_not_sent_again(bench, board):
 @pytest.mark.parametrize(
     "sent", [0, 7, -1, None], ids=["before", "in the middle", "before its end", "after"]
 )
-def test_darken_during_the_writing_of_a_command_leaves_all_leds_off(
-    real_board, monkeypatch, sent
-):
+def test_darken_during_the_writing_of_a_command_leaves_all_leds_off(real_board, monkeypatch, sent):
     port = real_board._line._serial
     write = port.write
 

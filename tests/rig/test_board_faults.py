@@ -1,12 +1,12 @@
 """A board that refuses, resets, is unplugged or fails: each error is one clear line."""
 
 import termios
-import time
 
 import pytest
 import serial
 
 from rig import Board, BoardError
+from rig.host import clock
 from simulator.led_board import BoardFault
 from tests.rig.board_calls import VERBS, one_line
 from tests.rig.conftest import led_on
@@ -74,10 +74,10 @@ def test_the_handshake_survives_a_board_that_is_still_starting(bench):
     board.close()
 
 
-def test_a_busy_port(bench, board):
+def test_a_busy_port(real_bench, real_board):
     with pytest.raises(BoardError) as error:
-        Board(board.port)
-    one_line(error, board.port, "no other program uses it")
+        Board(real_board.port)
+    one_line(error, real_board.port, "no other program uses it")
 
 
 def test_unplugged(own_bench):
@@ -88,7 +88,7 @@ def test_unplugged(own_bench):
         with pytest.raises(BoardError) as error:
             act(board)
         one_line(error, board.port, verb, "unplugged")
-    time.sleep(0.2)
+    clock.sleep(0.2)
     assert led_on(own_bench) is None
     board.close()
 
@@ -102,13 +102,13 @@ def test_unplugged_and_plugged_in_again_on_the_same_path(own_bench):
         board.status()
     assert led_on(own_bench) is None
     board.close()
-    ends = time.monotonic() + 10
+    ends = clock.monotonic() + 10
     while True:
         try:
             board = Board(port)
             break
         except BoardError:
-            assert time.monotonic() < ends
+            assert clock.monotonic() < ends
     assert board.status().uptime_ms < 10_000
     assert board.on(8, 5000).led == 8
     assert board.off().led == 8
@@ -124,7 +124,9 @@ def test_unplugged_and_plugged_in_again_on_the_same_path(own_bench):
         pytest.param("write", serial.SerialTimeoutException("Write timeout"), id="full"),
     ],
 )
-def test_every_failure_of_the_port_is_a_board_error(bench, board, monkeypatch, name, error):
+def test_every_failure_of_the_port_is_a_board_error(
+    real_bench, real_board, monkeypatch, name, error
+):
     def fail(*_):
         raise error
 
@@ -132,26 +134,26 @@ def test_every_failure_of_the_port_is_a_board_error(bench, board, monkeypatch, n
     monkeypatch.setattr(serial.Serial, name, broken)
     for verb, act in VERBS.items():
         with pytest.raises(BoardError) as caught:
-            act(board)
-        one_line(caught, board.port, verb, "gone" if "gone" in str(error) else "Write timeout")
+            act(real_board)
+        one_line(caught, real_board.port, verb, "gone" if "gone" in str(error) else "Write timeout")
     monkeypatch.undo()
-    board.off()
-    assert led_on(bench) is None
+    real_board.off()
+    assert led_on(real_bench) is None
 
 
 @pytest.mark.parametrize("error", [termios.error(5, "gone"), serial.SerialException("gone")])
-def test_a_port_that_fails_during_the_handshake_is_closed(bench, monkeypatch, error):
+def test_a_port_that_fails_during_the_handshake_is_closed(real_bench, monkeypatch, error):
     def fail(self):
         raise error
 
     monkeypatch.setattr(serial.Serial, "reset_input_buffer", fail)
     with pytest.raises(BoardError, match=r"ID: the connection is lost .*gone"):
-        Board(bench.virtual.port)
+        Board(real_bench.virtual.port)
     monkeypatch.undo()
-    Board(bench.virtual.port).close()
+    Board(real_bench.virtual.port).close()
 
 
-def test_a_failure_while_closing_does_not_hide_the_first_error(bench, monkeypatch):
+def test_a_failure_while_closing_does_not_hide_the_first_error(real_bench, monkeypatch):
     really_close = serial.Serial.close
 
     def close(self):
@@ -164,8 +166,8 @@ def test_a_failure_while_closing_does_not_hide_the_first_error(bench, monkeypatc
     monkeypatch.setattr(serial.Serial, "close", close)
     monkeypatch.setattr(Board, "_handshake", handshake)
     with pytest.raises(BoardError, match="the first thing") as caught:
-        Board(bench.virtual.port)
+        Board(real_bench.virtual.port)
     assert len(caught.value.__notes__) == 1
     assert caught.value.__notes__[0].startswith("on closing: LED board on")
     monkeypatch.undo()
-    Board(bench.virtual.port).close()
+    Board(real_bench.virtual.port).close()

@@ -27,11 +27,11 @@ def taken(rig, leds, into):
         into.append(shot)
 
 
-def test_every_shot_of_a_sequence_has_its_led(bench):
+def test_every_shot_of_a_sequence_has_its_led(each_bench):
     leds = [*range(0, 36, 3), None, 7, 7]
-    with bench.rig(**FAST) as rig:
+    with each_bench.rig(**FAST) as rig:
         shots = list(rig.sequence(leds, EXPOSURE_US))
-        assert led_on(bench) is None
+        assert led_on(each_bench) is None
         after = rig.shoot(4, EXPOSURE_US)
     assert [shot.led for shot in shots] == leds
     assert [led_seen(shot.frame) for shot in shots] == leds
@@ -140,15 +140,15 @@ def test_a_fault_of_the_camera_names_led_and_frame(bench, fault, at):
             assert [led_seen(s.frame) for s in rig.sequence([3, 4], EXPOSURE_US)] == [3, 4]
 
 
-def test_closing_the_iterator_turns_the_led_off(bench):
-    with bench.rig(**FAST) as rig:
+def test_closing_the_iterator_turns_the_led_off(each_bench):
+    with each_bench.rig(**FAST) as rig:
         shots = rig.sequence(range(36), EXPOSURE_US)
         next(shots)
         shots.close()
-        assert led_on(bench) is None
-        before = bench.state.changes
+        assert led_on(each_bench) is None
+        before = each_bench.state.changes
         clock.sleep(0.1)
-        assert bench.state.changes == before
+        assert each_bench.state.changes == before
         assert rig.board.status().state == "IDLE"
         assert led_seen(rig.shoot(3, EXPOSURE_US).frame) == 3
 

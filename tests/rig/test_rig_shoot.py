@@ -34,8 +34,8 @@ def test_a_shot_has_its_led(bench, trigger, led):
 
 
 @TRIGGERS
-def test_a_dark_frame_turns_off_an_led_that_was_left_on(bench, trigger):
-    with bench.rig(trigger=trigger) as rig:
+def test_a_dark_frame_turns_off_an_led_that_was_left_on(each_bench, trigger):
+    with each_bench.rig(trigger=trigger) as rig:
         rig.board.on(5, 5000)
         assert led_seen(rig.shoot(None, EXPOSURE_US).frame) is None
 
@@ -49,12 +49,12 @@ def test_the_light_has_settled_before_the_exposure(bench, trigger):
     assert lit.end_ns >= shot.frame.timestamp_ns + EXPOSURE_US * 1000
 
 
-def test_the_frame_is_discarded_if_the_led_turns_off_too_early(bench):
-    with bench.rig() as rig:
-        bench.virtual.set_faults(BoardFault(kind="goes-dark", verb="ON", value=20))
+def test_the_frame_is_discarded_if_the_led_turns_off_too_early(each_bench):
+    with each_bench.rig() as rig:
+        each_bench.virtual.set_faults(BoardFault(kind="goes-dark", verb="ON", value=20))
         with pytest.raises(BoardError, match="LED 6 was requested, but no LED was on"):
             rig.shoot(6, 60_000)
-        bench.virtual.set_faults()
+        each_bench.virtual.set_faults()
         assert led_seen(rig.shoot(6, EXPOSURE_US).frame) == 6
 
 
@@ -134,12 +134,12 @@ def test_the_frame_is_discarded_if_the_board_resets_during_the_exposure(bench):
             rig.shoot(6, EXPOSURE_US)
 
 
-def test_the_frame_is_discarded_if_another_led_was_on(bench):
-    with bench.rig() as rig:
-        bench.virtual.set_faults(BoardFault(kind="wrong-led", verb="ON", value=8))
+def test_the_frame_is_discarded_if_another_led_was_on(each_bench):
+    with each_bench.rig() as rig:
+        each_bench.virtual.set_faults(BoardFault(kind="wrong-led", verb="ON", value=8))
         with pytest.raises(BoardError, match=r"LED 6 .* the board did ON LED 8"):
             rig.shoot(6, EXPOSURE_US)
-        assert led_on(bench) is None
+        assert led_on(each_bench) is None
 
 
 @TRIGGERS
@@ -232,17 +232,17 @@ def test_a_board_that_fails_while_a_frame_is_awaited_ends_the_wait(bench, answer
         rig.close()
 
 
-def test_ctrl_c_during_the_exposure_leaves_no_led_on(bench, monkeypatch):
-    with bench.rig() as rig:
+def test_ctrl_c_during_the_exposure_leaves_no_led_on(each_bench, monkeypatch):
+    with each_bench.rig() as rig:
 
         def interrupted(frame_id, timeout_s, waiting):
-            assert led_on(bench) == 2
+            assert led_on(each_bench) == 2
             raise KeyboardInterrupt
 
         monkeypatch.setattr(rig.camera, "fetch", interrupted)
         with pytest.raises(KeyboardInterrupt):
             rig.shoot(2, EXPOSURE_US)
-        assert led_on(bench) is None
+        assert led_on(each_bench) is None
 
 
 def test_a_frame_of_another_shot_is_refused(bench, monkeypatch):
@@ -356,15 +356,15 @@ def test_opening_turns_off_an_led_that_an_earlier_program_left_on(bench):
         assert led_on(bench) is None
 
 
-def test_closing_turns_the_led_off_and_closes_everything_once(bench):
+def test_closing_turns_the_led_off_and_closes_everything_once(each_bench):
     closed = []
-    rig = bench.rig(on_close=lambda: closed.append(True))
+    rig = each_bench.rig(on_close=lambda: closed.append(True))
     rig.board.on(3, 5000)
     rig.close()
-    assert led_on(bench) is None
+    assert led_on(each_bench) is None
     rig.close()
     assert closed == [True]
-    Board(bench.virtual.port).close()
+    Board(each_bench.virtual.port).close()
     with pytest.raises(CameraError, match="is closed"):
         rig.camera.arm()
 
@@ -391,7 +391,7 @@ def test_a_failing_step_of_closing_does_not_prevent_the_others(bench, monkeypatc
     Board(bench.virtual.port).close()
 
 
-@pytest.mark.parametrize("trigger", ["software", pytest.param("board", marks=pytest.mark.slow)])
+@TRIGGERS
 def test_random_faults_never_give_a_frame_of_another_led(bench, trigger):
     draw = random.Random(1)
     kinds = ["drop-reply", "corrupt-reply", "delay-reply", "banner", "reset", "goes-dark"]
