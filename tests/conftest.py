@@ -3,6 +3,7 @@
 import gc
 import os
 import signal
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 # Before numpy and numba are imported, and for programs that tests start: threads that wait actively
@@ -84,15 +85,32 @@ def _signals_stay():
 
 
 @pytest.fixture
-def world(tmp_path):
-    """A world without faults whose virtual time the test is in: waiting takes none of its own.
+def world(tmp_path_factory):
+    """A world without faults in whose virtual time the test runs: it waits with `rig.host.clock`.
 
-    Tests wait with `rig.host.clock`.
+    Files outside the world are real.
     """
     from simulator.world import Schedule, World
 
-    folder = tmp_path / "world"
-    folder.mkdir()
-    world = World(Schedule(0, ()), folder, leds=36)
+    world = World(Schedule(0, ()), tmp_path_factory.mktemp("world"), leds=36)
     with world.inside():
         yield world
+
+
+@pytest.fixture
+def simulated_world(world, monkeypatch):
+    """Let simulated rigs whose camera is inside use the world instead of a board in a process."""
+    from simulator.rigs import bench_rig
+
+    class Connected(AbstractContextManager):
+        bench_state_path = None
+
+        def __init__(self, leds):
+            world.connect(leds)
+            self.port = world.board.port
+
+        def __exit__(self, *_):
+            pass
+
+    monkeypatch.setattr(bench_rig, "VirtualBoard", Connected)
+    monkeypatch.setattr(bench_rig, "BenchState", lambda path: world.board.view)

@@ -136,6 +136,10 @@ class World:
             board.close()
             raise
 
+    def connect(self, leds: int) -> None:
+        """Replace the board by another one, which starts now."""
+        self.board = WorldBoard(self.scheduler, leds)
+
     def settle(self, seconds: float) -> None:
         """Let time pass without any program, so that the board does what it does alone."""
         scheduler = self.scheduler

@@ -39,6 +39,7 @@ from simulator.scene import Lamps
 LEDS = 8
 PLAN = CapturePlan(repeat=False, leds=tuple(range(LEDS)), exposures_us=(20_000.0, 1000.0))
 WHITE_DN = 4095.0
+IN_WORLD = pytest.mark.usefixtures("simulated_world")
 
 
 class Usage(NamedTuple):
@@ -87,6 +88,7 @@ def test_a_working_rig_passes_and_no_file_is_left(rendering: Rendering, tmp_path
     assert [check["name"] for check in details["checks"]] == list(states(flight))
 
 
+@IN_WORLD
 def test_a_dead_led_fails_only_plans_that_use_it(rendering: Rendering, tmp_path: Path) -> None:
     config = RigConfig(name="sim", driver="simulated", leds=LEDS)
     with open_rig_seeing(
@@ -106,6 +108,7 @@ def test_a_dead_led_fails_only_plans_that_use_it(rendering: Rendering, tmp_path:
     assert rest.ok
 
 
+@IN_WORLD
 def test_a_flickering_lamp_is_reported_with_a_suitable_exposure(
     rendering: Rendering, tmp_path: Path
 ) -> None:
@@ -133,6 +136,7 @@ UNSUITABLE = {
 }
 
 
+@IN_WORLD
 @pytest.mark.parametrize(
     ("exposures_us", "others", "name", "state", "said"), UNSUITABLE.values(), ids=UNSUITABLE
 )
@@ -155,6 +159,7 @@ def test_unsuitable_exposures(
     assert flight.ok is (state != "failed")
 
 
+@IN_WORLD
 def test_an_exposure_beyond_the_camera_fails_and_checks_of_frames_are_not_done(
     rendering: Rendering, tmp_path: Path
 ) -> None:
@@ -200,11 +205,13 @@ def test_automatic_functions_that_were_on_are_named(
     assert check.text.endswith(said)
 
 
+@IN_WORLD
 def test_a_plan_for_another_board_fails(rendering: Rendering, tmp_path: Path) -> None:
     plan = CapturePlan(repeat=False, leds=(0, LEDS), exposures_us=(1000.0,))
     assert "LED 8 does not exist" in named(flown(rendering, plan, tmp_path), "board").text
 
 
+@IN_WORLD
 def test_an_exposure_beyond_the_longest_hold_of_the_board_fails(
     rendering: Rendering, tmp_path: Path
 ) -> None:
@@ -212,6 +219,7 @@ def test_an_exposure_beyond_the_longest_hold_of_the_board_fails(
     assert "the plan requires 90002" in named(flown(rendering, plan, tmp_path), "board").text
 
 
+@IN_WORLD
 def test_a_camera_error_is_a_failed_check_with_its_message(
     rendering: Rendering, tmp_path: Path
 ) -> None:
@@ -225,6 +233,7 @@ def test_a_camera_error_is_a_failed_check_with_its_message(
     assert states(flight)["LEDs"] == "not done"
 
 
+@IN_WORLD
 def test_a_board_that_does_not_answer_is_a_failed_check(
     rendering: Rendering, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -238,6 +247,7 @@ def test_a_board_that_does_not_answer_is_a_failed_check(
     assert states(flight)["camera"] == "not done"
 
 
+@IN_WORLD
 def test_a_hot_board_is_reported(
     rendering: Rendering, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -387,6 +397,7 @@ def test_focus() -> None:
     assert "nothing to focus on" in empty.text
 
 
+@IN_WORLD
 def test_a_simulated_lens_out_of_focus_is_reported(rendering: Rendering, tmp_path: Path) -> None:
     planes = [cv2.GaussianBlur(plane, (0, 0), 5.0) for plane in rendering.planes]
     blurred = replace(rendering, planes=np.stack(planes))

@@ -30,6 +30,7 @@ from tests.quick_sample import quick
 SCENES = ["white-plane", "coin", "sphere", "textile", "tilted-plane", "spheres", "leather"]
 NOISE = 0.003
 SIDE = 8
+IN_WORLD = pytest.mark.usefixtures("simulated_world")
 
 
 @functools.cache
@@ -295,6 +296,7 @@ def test_dark_and_bright_scenes_are_metered():
         assert kinds(result) == []
 
 
+@IN_WORLD
 @pytest.mark.parametrize("trigger", ["software", "board"])
 def test_a_missing_trigger_wire_is_a_fault_only_if_it_is_needed(monkeypatch, trigger):
     config = RigConfig(name="x", driver="simulated", leds=12, trigger=trigger, frame_timeout_s=0.2)
@@ -321,6 +323,7 @@ def test_a_missing_trigger_wire_is_a_fault_only_if_it_is_needed(monkeypatch, tri
     assert result.ok == (trigger == "software")
 
 
+@IN_WORLD
 def test_a_failing_camera_is_not_mistaken_for_a_missing_wire(monkeypatch):
     config = RigConfig(name="x", driver="simulated", leds=12)
     with open_rig_seeing(rendered("coin"), config, camera="inside") as rig:
@@ -333,6 +336,7 @@ def test_a_failing_camera_is_not_mistaken_for_a_missing_wire(monkeypatch):
             rig.wires(0, 1000)
 
 
+@IN_WORLD
 def test_the_returned_exposure_is_that_of_the_images(monkeypatch):
     config = RigConfig(name="x", driver="simulated", leds=12)
     with open_rig_seeing(rendered("coin"), config, camera="inside") as rig:
@@ -353,6 +357,7 @@ def test_the_returned_exposure_is_that_of_the_images(monkeypatch):
     assert exposure_us == asked[-1]
 
 
+@IN_WORLD
 def test_every_colour_of_a_mosaic_is_metered(monkeypatch):
     config = RigConfig(name="x", driver="simulated", leds=12)
     mosaic = np.full((8, 8), 4095, np.uint16)
@@ -365,6 +370,7 @@ def test_every_colour_of_a_mosaic_is_metered(monkeypatch):
     assert camera.brightest == 1
 
 
+@IN_WORLD
 def test_a_missing_exposure_active_wire_is_a_fault():
     config = RigConfig(name="x", driver="simulated", leds=12, exposure_active=True)
     with open_rig_seeing(rendered("coin"), config, camera="inside") as rig:

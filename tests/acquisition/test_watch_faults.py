@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import signal
-import subprocess
-import sys
 import time
 from collections.abc import Iterable
 from pathlib import Path
@@ -20,17 +17,6 @@ from acquisition.imports import Watch, WatchResult, lights_in_order
 from rig.host import clock, threads
 
 pytestmark = pytest.mark.usefixtures("world")
-
-ROOT = Path(__file__).parents[2]
-PROGRAM = """
-import sys
-from pathlib import Path
-from acquisition import watch_folder
-from acquisition.imports import Watch, lights_in_order
-folder, out, leds = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])
-watch = Watch(folder, lights_in_order(leds), timeout_s=30.0, settle_s=0.05)
-watch_folder(watch, out, on_message=lambda line: print(line, flush=True))
-"""
 
 
 def picture(number: int) -> np.ndarray[Any, np.dtype[np.uint16]]:
@@ -68,43 +54,6 @@ def until(condition: Any, seconds: float = 20.0) -> None:
     while not condition():
         assert clock.monotonic() < end_s, "waited in vain"
         clock.sleep(0.02)
-
-
-def start(folder: Path, out: Path, leds: int) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-c", PROGRAM, str(folder), str(out), str(leds)]
-    return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-
-
-@pytest.mark.parametrize(
-    "ending",
-    [
-        pytest.param(signal.SIGKILL, id="kill-9"),
-        pytest.param(signal.SIGINT, id="ctrl-c", marks=pytest.mark.slow),
-    ],
-)
-def test_a_process_that_ends_and_a_pause_lose_nothing(
-    folder: Path, out: Path, ending: signal.Signals
-) -> None:
-    """Five images, the end of the process while the sixth is written, a pause, and the rest."""
-    process = start(folder, out, 9)
-    for number in range(5):
-        shoot(folder, number)
-        # Every image is recorded as it arrives: none waits for the next.
-        until(lambda n=number: len(list(out.glob("frames/L*.tif"))) == n + 1)
-    data = shoot(folder.parent, 5).read_bytes()
-    (folder / "IMG_0005.png").write_bytes(data[:100])
-    process.send_signal(ending)
-    assert process.wait(20) != 0
-    for path in folder.iterdir():  # a pause of an hour
-        os.utime(path, (time.time() - 3600, time.time() - 3600))
-    (folder / "IMG_0005.png").write_bytes(data)
-    process = start(folder, out, 9)
-    for number in (7, 6, 8):
-        shoot(folder, number)
-        clock.sleep(0.3)
-    assert process.wait(20) == 0
-    assert lights(out) == {number: number for number in range(9)}
-    assert Session.open(out).complete
 
 
 def test_an_image_that_arrives_in_pieces_keeps_its_light(folder: Path, out: Path) -> None:

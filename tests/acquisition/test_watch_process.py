@@ -1,0 +1,63 @@
+"""A program that watches a folder and ends in the middle of an image."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from acquisition import Session
+from tests.acquisition.test_watch_faults import lights, shoot, until
+
+ROOT = Path(__file__).parents[2]
+PROGRAM = """
+import sys
+from pathlib import Path
+from acquisition import watch_folder
+from acquisition.imports import Watch, lights_in_order
+folder, out, leds = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])
+watch = Watch(folder, lights_in_order(leds), timeout_s=30.0, settle_s=0.05)
+watch_folder(watch, out, on_message=lambda line: print(line, flush=True))
+"""
+
+
+def start(folder: Path, out: Path, leds: int) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-c", PROGRAM, str(folder), str(out), str(leds)]
+    return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+@pytest.mark.parametrize(
+    "ending",
+    [
+        pytest.param(signal.SIGKILL, id="kill-9"),
+        pytest.param(signal.SIGINT, id="ctrl-c", marks=pytest.mark.slow),
+    ],
+)
+def test_a_process_that_ends_and_a_pause_lose_nothing(
+    folder: Path, out: Path, ending: signal.Signals
+) -> None:
+    """Five images, the end of the process while the sixth is written, a pause, and the rest."""
+    process = start(folder, out, 9)
+    for number in range(5):
+        shoot(folder, number)
+        # Every image is recorded as it arrives: none waits for the next.
+        until(lambda n=number: len(list(out.glob("frames/L*.tif"))) == n + 1)
+    data = shoot(folder.parent, 5).read_bytes()
+    (folder / "IMG_0005.png").write_bytes(data[:100])
+    process.send_signal(ending)
+    assert process.wait(20) != 0
+    for path in folder.iterdir():  # a pause of an hour
+        os.utime(path, (time.time() - 3600, time.time() - 3600))
+    (folder / "IMG_0005.png").write_bytes(data)
+    process = start(folder, out, 9)
+    for number in (7, 6, 8):
+        shoot(folder, number)
+        time.sleep(0.3)
+    assert process.wait(20) == 0
+    assert lights(out) == {number: number for number in range(9)}
+    assert Session.open(out).complete
