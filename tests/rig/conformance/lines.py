@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-
 from rig.host import clock
 from tests.rig.conformance._check import check
 from tests.rig.conformance.board import BoardUnderTest, line, signed
