@@ -90,6 +90,11 @@ def world(tmp_path_factory):
 
     Files outside the world are real.
     """
+    yield from a_world(tmp_path_factory)
+
+
+def a_world(tmp_path_factory):
+    """Be in a world until the next step of this iterator; for fixtures."""
     from simulator.world import Schedule, World
 
     world = World(Schedule(0, ()), tmp_path_factory.mktemp("world"), leds=36)

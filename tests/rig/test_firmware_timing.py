@@ -7,8 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from simulator.world import World
+from tests.conftest import a_world
 from tests.quick_sample import quick
 from tests.rig.conformance.board import BoardUnderTest
+from tests.rig.conformance.stepped import SteppedUnderTest
 from tests.rig.firmware import builds
 
 # An edge is at most this much later than declared, and never earlier.
@@ -20,14 +23,21 @@ Commands = Callable[[str], list[str]]
 
 
 @pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
+    yield from a_world(tmp_path_factory)
+
+
+@pytest.fixture(scope="module")
 def commands(tmp_path_factory: pytest.TempPathFactory) -> Commands:
     folder = tmp_path_factory.mktemp("avr")
     return lambda mcu: builds.avr(folder, mcu)
 
 
 @pytest.fixture(scope="module", params=MCUS)
-def shared(commands: Commands, request: pytest.FixtureRequest) -> Iterator[BoardUnderTest]:
-    with BoardUnderTest(commands(request.param), late_us=LATE_US) as board:
+def shared(
+    world: World, commands: Commands, request: pytest.FixtureRequest
+) -> Iterator[BoardUnderTest]:
+    with SteppedUnderTest(commands(request.param), world, late_us=LATE_US) as board:
         yield board
 
 
@@ -38,9 +48,9 @@ def board(shared: BoardUnderTest) -> BoardUnderTest:
 
 
 @pytest.fixture
-def uno(commands: Commands) -> Iterator[BoardUnderTest]:
+def uno(world: World, commands: Commands) -> Iterator[BoardUnderTest]:
     """A freshly started atmega328p."""
-    with BoardUnderTest(commands("atmega328p"), late_us=LATE_US) as board:
+    with SteppedUnderTest(commands("atmega328p"), world, late_us=LATE_US) as board:
         yield board
 
 
@@ -151,14 +161,14 @@ def test_a_reset_clears_a_running_sequence(uno: BoardUnderTest) -> None:
     assert uno.ask("RUN 1 T") == "E7 RUN 1 T"
 
 
-def test_a_hung_program_is_reset_and_the_led_turns_off(tmp_path: Path) -> None:
+def test_a_hung_program_is_reset_and_the_led_turns_off(world: World, tmp_path: Path) -> None:
     hung = builds.changed(
         tmp_path / "firmware",
         "core/commands.cpp",
         "bool busy() {",
         "bool busy() { while (light::led() == 9);",
     )
-    with BoardUnderTest(builds.avr(tmp_path, firmware=hung), late_us=LATE_US) as board:
+    with SteppedUnderTest(builds.avr(tmp_path, firmware=hung), world, late_us=LATE_US) as board:
         board.lit()
         board.ok("ON 9 60000")
         lit_us = board.lit(9)
