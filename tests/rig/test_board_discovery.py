@@ -12,6 +12,7 @@ import pytest
 from rig import Board, BoardError
 from rig.board import find_board, find_boards
 from rig.board import ports as ports
+from rig.host import clock
 from tests.rig.fake_port import IDENTITY, device, saying
 
 TIMEOUT_S = 0.75
@@ -38,12 +39,12 @@ def neighbours():
         }
 
 
-def test_the_board_is_found_among_others(bench):
+def test_the_board_is_found_among_others(real_bench):
     with neighbours() as others:
         began = time.monotonic()
-        found = find_boards([*others, bench.virtual.port], timeout_s=TIMEOUT_S)
+        found = find_boards([*others, real_bench.virtual.port], timeout_s=TIMEOUT_S)
         took = time.monotonic() - began
-        assert [port.port for port in found] == [*others, bench.virtual.port]
+        assert [port.port for port in found] == [*others, real_bench.virtual.port]
         for port, said in zip(found, others.values(), strict=False):
             assert port.identity is None
             assert port.port in port.problem
@@ -53,9 +54,12 @@ def test_the_board_is_found_among_others(bench):
         assert (found[-1].identity.name, found[-1].problem) == ("sgp-virtual-board", "")
         # All at the same time, not one after the other.
         assert took < 4 * TIMEOUT_S
-        assert find_board([*others, bench.virtual.port], timeout_s=TIMEOUT_S) == bench.virtual.port
+        assert (
+            find_board([*others, real_bench.virtual.port], timeout_s=TIMEOUT_S)
+            == real_bench.virtual.port
+        )
     # The port of the board was closed.
-    Board(bench.virtual.port).close()
+    Board(real_bench.virtual.port).close()
 
 
 def test_other_devices_receive_only_an_empty_line_and_id():
@@ -89,46 +93,44 @@ def test_no_ports_at_all(monkeypatch):
         find_board()
 
 
-def test_the_ports_of_this_computer_are_queried(monkeypatch, bench):
-    present = [SimpleNamespace(device=bench.virtual.port)]
+def test_the_ports_of_this_computer_are_queried(monkeypatch, real_bench):
+    present = [SimpleNamespace(device=real_bench.virtual.port)]
     monkeypatch.setattr(ports.list_ports, "comports", lambda: present)
-    assert find_board() == bench.virtual.port
+    assert find_board() == real_bench.virtual.port
 
 
-def test_several_boards_are_listed_and_one_is_chosen_by_name(bench):
+def test_several_boards_are_listed_and_one_is_chosen_by_name(real_bench):
     dome = saying(*IDENTITY)
     with device(dome) as first, device(dome) as second:
-        everything = [first, bench.virtual.port, second]
+        everything = [first, real_bench.virtual.port, second]
         with pytest.raises(BoardError, match="3 LED boards found") as error:
             find_board(everything)
         for port in everything:
             assert port in str(error.value)
-        assert find_board(everything, name="sgp-virtual-board") == bench.virtual.port
+        assert find_board(everything, name="sgp-virtual-board") == real_bench.virtual.port
         with pytest.raises(BoardError, match="2 LED boards named dome found") as error:
             find_board(everything, name="dome")
-        assert bench.virtual.port not in str(error.value)
+        assert real_bench.virtual.port not in str(error.value)
         with pytest.raises(BoardError, match="no LED board named ring found: dome is on"):
             find_board(everything, name="ring")
 
 
-def test_a_port_named_twice_is_one_port(bench):
-    assert len(find_boards([bench.virtual.port] * 3)) == 1
+def test_a_port_named_twice_is_one_port(real_bench):
+    assert len(find_boards([real_bench.virtual.port] * 3)) == 1
 
 
 def test_a_port_whose_driver_never_returns_does_not_delay_others(monkeypatch, bench):
-    over = threading.Event()
     opened = ports.Board
 
     def stuck(port, **options):
         if port == "stuck":
-            over.wait(60)
+            clock.sleep(60)
             raise BoardError("at last")
         return opened(port, **options)
 
     monkeypatch.setattr(ports, "Board", stuck)
     monkeypatch.setattr(ports, "_GRACE_S", 0.5)
     found = find_boards(["stuck", bench.virtual.port], timeout_s=TIMEOUT_S)
-    over.set()
     assert "takes longer than 1.25 s" in found[0].problem
     assert found[1].identity is not None
 

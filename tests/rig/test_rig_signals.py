@@ -150,11 +150,11 @@ def test_an_ignored_signal_remains_ignored(own_bench):
     assert went_dark(own_bench)
 
 
-def test_the_leds_of_all_rigs_of_a_program_turn_off(bench, own_bench):
-    host = start(ON + LOOK_ALIVE, bench, own_bench)
+def test_the_leds_of_all_rigs_of_a_program_turn_off(real_bench, own_bench):
+    host = start(ON + LOOK_ALIVE, real_bench, own_bench)
     host.send_signal(signal.SIGTERM)
     assert end(host)[0] == 143
-    assert went_dark(bench)
+    assert went_dark(real_bench)
     assert went_dark(own_bench)
 
 
