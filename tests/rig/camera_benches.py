@@ -1,12 +1,11 @@
 """Benches for comparing cameras, on which tests turn LEDs on and pulse the trigger line."""
 
-import time
-
 import numpy as np
 import pytest
 
 from acquisition import NoiseModel
 from rig.genicam import open_genicam
+from rig.host import clock
 from simulator.bench import BenchState, BenchWriter
 from simulator.camera import GentlCamera, ImageFormation, VirtualCamera
 from simulator.gentl import CompilerError
@@ -40,16 +39,16 @@ class Bench:
 
     def light(self, led):
         """Turn one LED on from now on."""
-        now = time.monotonic_ns()
+        now = clock.monotonic_ns()
         self.writer.put_out(now)
         self.writer.light(led, now, now + 60 * 10**9)
 
     def dark(self):
-        self.writer.put_out(time.monotonic_ns())
+        self.writer.put_out(clock.monotonic_ns())
 
     def pulse(self, after_s=0.0):
         """Pulse the trigger line and return the time, in nanoseconds of the monotonic clock."""
-        time_ns = time.monotonic_ns() + round(after_s * 1e9)
+        time_ns = clock.monotonic_ns() + round(after_s * 1e9)
         self.writer.pulse(time_ns)
         return time_ns
 
@@ -65,7 +64,7 @@ class Bench:
 
 
 class InsideBench(Bench):
-    """The camera inside the process."""
+    """The camera inside the process, which may be in a world."""
 
     def __init__(self, folder):
         super().__init__(folder)
