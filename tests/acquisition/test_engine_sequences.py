@@ -48,6 +48,7 @@ def test_a_sequence_is_recorded(tmp_path: Path) -> None:
     assert verify_session(tmp_path / "s").ok
 
 
+@pytest.mark.usefixtures("simulated_world")
 def test_a_sequence_too_fast_for_the_disk_is_ended_and_restarted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

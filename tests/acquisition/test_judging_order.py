@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
@@ -16,8 +15,11 @@ from acquisition.engine import engine as _engine
 from acquisition.session import writer as _session_writer
 from rig import CameraError, CameraFrame, Rig, RigConfig, RigError
 from rig.arrays import Float32, UInt16
+from rig.host import clock
 from simulator.camera import ImageFormation
 from tests.acquisition.fake_bench import LABELS, Bench, cut, events_of, seen
+
+pytestmark = pytest.mark.usefixtures("simulated_world")
 
 
 def spoil(camera: Any, number: int) -> None:
@@ -52,7 +54,7 @@ def slow_disk(monkeypatch: pytest.MonkeyPatch) -> None:
     real = _session_writer.store_frame
 
     def slow(path: Path, pixels: UInt16) -> Any:
-        time.sleep(0.05)
+        clock.sleep(0.05)
         return real(path, pixels)
 
     monkeypatch.setattr(_session_writer, "store_frame", slow)
