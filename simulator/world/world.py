@@ -35,7 +35,7 @@ from simulator.world.scheduler import (
 
 _DAY = datetime(2026, 1, 1, tzinfo=UTC)
 # Packages whose code may not use real time in a world.
-_OURS = ("rig", "acquisition", "simulator")
+_OURS = ("rig", "acquisition", "simulator", "tests")
 
 
 class RealTimeError(AssertionError):
@@ -120,9 +120,11 @@ class World:
     def inside(self) -> Iterator[None]:
         """Make the calling thread a program of the world in the block, as a fixture needs it."""
         self.powered = True
-        with self._installed(), self.scheduler.inside("block") as program:
-            yield
-        self._end(program)
+        try:
+            with self._installed(), self.scheduler.inside("block") as program:
+                yield
+        finally:
+            self._end(program)
 
     def open_rig(self) -> Rig:
         """Open the rig of the world; to be called in it."""

@@ -16,8 +16,10 @@ from hypothesis import strategies as st
 
 from acquisition import DataError
 from acquisition.files import storage
+from rig import Board, BoardError
 from rig.board import protocol
-from rig.host import clock, threads
+from rig.host import clock, program, threads
+from simulator.led_board import BoardFault
 from simulator.world import Event, Schedule, Trial, World
 from simulator.world.disk import Disk
 from simulator.world.schedule import KINDS, VERSION
@@ -134,16 +136,63 @@ def test_real_time_in_a_world_is_named(tmp_path: Path, monkeypatch: pytest.Monke
     assert "rig.board.protocol calls time.monotonic: use rig.host.clock" in str(ended.error)
 
 
+def waits_for_ever() -> None:
+    condition = threads.Condition()
+    with condition:
+        condition.wait()
+
+
 def test_a_deadlock_is_named(tmp_path: Path) -> None:
     world = World(CALM, tmp_path)
-
-    def waits() -> None:
-        condition = threads.Condition()
-        with condition:
-            condition.wait()
-
     with pytest.raises(StuckError, match="waiting forever: program main"):
-        world.run("program", waits)
+        world.run("program", waits_for_ever)
+
+
+def test_a_block_is_a_program_of_the_world(tmp_path: Path) -> None:
+    world = World(CALM, tmp_path)
+    done: list[str] = []
+
+    def after(seconds: float, name: str) -> None:
+        clock.sleep(seconds)
+        done.append(name)
+
+    with world.inside():
+        program.at_exit(lambda: done.append("exit"))
+        for seconds, name in ((10, "soon"), (5000, "too late")):
+            threads.Thread(target=after, args=(seconds, name)).start()
+        clock.sleep(3000)
+        done.append("main")
+    assert done == ["soon", "main", "exit"]
+    assert clock.sleep is time.sleep
+
+
+def test_a_deadlock_in_a_block_is_named(tmp_path: Path) -> None:
+    world = World(CALM, tmp_path)
+    with pytest.raises(StuckError, match="waiting forever: block main"), world.inside():
+        waits_for_ever()
+    assert clock.sleep is time.sleep
+
+
+@pytest.mark.parametrize("answers", [True, False], ids=["plugged in", "unplugged"])
+def test_another_board_may_be_connected_and_unplugged(tmp_path: Path, answers: bool) -> None:
+    world = World(CALM, tmp_path)
+    with world.inside():
+        world.connect(4)
+        board = Board(world.board.port)
+        assert board.identity.leds == 4
+        board.on(3, 2000)
+        if not answers:
+            world.board.unplug()
+            with pytest.raises(BoardError, match="unplugged"):
+                board.off()
+            # The board itself ends the hold.
+            assert world.board.view.led(clock.monotonic_ns()) == 3
+            clock.sleep(2)
+        else:
+            world.board.set_faults(BoardFault(kind="drop-reply", verb="OFF"))
+            assert board.off().led == 3
+        assert world.board.view.led(clock.monotonic_ns()) is None
+        board.close()
 
 
 def test_time_passes_without_waiting(tmp_path: Path) -> None:
