@@ -132,6 +132,7 @@ def test_a_black_level_that_varies_slightly_between_frames_is_accepted(tmp_path:
     assert import_frames(read_import(tmp_path / "in"), tmp_path / "out").complete
 
 
+@pytest.mark.usefixtures("world")
 def test_a_tethered_camera_that_writes_raw_and_jpeg(tmp_path: Path) -> None:
     """RAW files count, other images do not; the camera's clock shows the missing shot."""
     (tmp_path / "in").mkdir()
@@ -194,6 +195,7 @@ def test_clipping_is_found_in_files_whose_black_levels_differ_slightly(tmp_path:
     assert all((frame.read() >= 2999.5).mean() > 0.25 for frame in source.frames)
 
 
+@pytest.mark.usefixtures("world")
 def test_a_camera_without_a_colour_filter_is_read_watched_and_imported(tmp_path: Path) -> None:
     write_all(tmp_path / "in", *(dng(SENSOR + number, other=MONO) for number in range(3)))
     raw = read_raw(tmp_path / "in" / "IMG_0.dng")

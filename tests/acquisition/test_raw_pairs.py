@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import threading
-import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,9 +12,11 @@ import pytest
 from acquisition import Session, import_frames, read_source, watch_folder
 from acquisition.imports import Watch, WatchResult, lights_in_order, read_import
 from rig import Notice
+from rig.host import clock, threads
 from tests.acquisition.dng_file import dng
 from tests.quick_sample import quick
 
+pytestmark = pytest.mark.usefixtures("world")
 SENSOR = np.random.default_rng(3).integers(64, 4000, (40, 60)).astype(np.uint16)
 
 
@@ -37,9 +37,9 @@ def watched(
     def deliver() -> None:
         for name in names:
             save(folder, name)
-            time.sleep(0.25)
+            clock.sleep(0.25)
 
-    camera = threading.Thread(target=deliver)
+    camera = threads.Thread(target=deliver)
     camera.start()
     watch = Watch(folder, lights_in_order(leds), timeout_s=timeout_s, settle_s=0.02, pair_s=pair_s)
     result = watch_folder(watch, folder.parent / "out")

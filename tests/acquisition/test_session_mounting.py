@@ -24,6 +24,7 @@ from rig import Mounting, RigConfig
 from simulator import open_rig_seeing, render, save_truth, scene_named
 from tests.quick_sample import quick
 
+pytestmark = pytest.mark.usefixtures("simulated_world")
 LEDS = 3
 PLAN = CapturePlan(repeat=False, leds=(0, 1, 2), exposures_us=(9000.0,))
 MOUNTINGS = [

@@ -115,6 +115,7 @@ def test_other_images_keep_their_white_level(tmp_path: Path) -> None:
         assert read_source(tmp_path / name).white_level == 65535, name
 
 
+@pytest.mark.usefixtures("world")
 def test_a_watch_continues_with_samples_in_the_high_bits(tmp_path: Path) -> None:
     folder = tmp_path / "in"
     folder.mkdir()

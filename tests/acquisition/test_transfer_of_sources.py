@@ -281,6 +281,7 @@ def test_a_record_that_is_not_used_gives_no_curve(tmp_path: Path) -> None:
     assert source.transfer == LINEAR
 
 
+@pytest.mark.usefixtures("world")
 def test_watched_images_record_the_curve(tmp_path: Path) -> None:
     folder = jpegs(tmp_path / "in")
     watch = Watch(folder, lights_in_order(3), gaps=False, timeout_s=0.6, settle_s=0.05)
@@ -292,6 +293,7 @@ def test_watched_images_record_the_curve(tmp_path: Path) -> None:
     assert watch_folder(given, tmp_path / "given").session.transfer == TABLE
 
 
+@pytest.mark.usefixtures("world")
 def test_watched_images_with_another_curve_are_refused(tmp_path: Path) -> None:
     folder = tmp_path / "in"
     folder.mkdir()
