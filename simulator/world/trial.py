@@ -176,11 +176,14 @@ class Trial:
         self._reported.append((line.seq, line.file_sha256))
 
     def _second(self) -> None:
-        """Let a second operator try to write to the same session."""
+        """Let a second operator try to resume the session, or another program to write to it."""
         try:
-            with SessionWriter.reopen(self.session) as writer:
-                writer.write_event("second", operator="other")
-        except (DataError, StorageError) as error:
+            if self.world.scheduler.random.random() < 0.5:
+                self._resume(retake_damaged=False)
+            else:
+                with SessionWriter.reopen(self.session) as writer:
+                    writer.write_event("second", operator="other")
+        except (RigError, DataError, StorageError) as error:
             self.world.say(f"second: {error}")
 
     def _check_end(self, ended: Program) -> None:
