@@ -14,7 +14,6 @@ from acquisition import DataError
 from simulator.world.schedule import Schedule
 from simulator.world.trial import run, run_seed
 
-_MEMORY = Path("/dev/shm")
 _EXAMPLES = """examples:
   python benchmarks/world.py --count 1000
   python benchmarks/world.py --seed 17 --log
@@ -25,6 +24,7 @@ _EXAMPLES = """examples:
 def _many(first: int, count: int, workers: int, *, stop: bool) -> int:
     began_s = time.monotonic()
     met: Counter[str] = Counter()
+    parts: Counter[str] = Counter()
     failed, programs, steps, virtual_s = [], 0, 0, 0.0
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         for number, outcome in enumerate(
@@ -33,6 +33,7 @@ def _many(first: int, count: int, workers: int, *, stop: bool) -> int:
             met.update(event.kind for event in outcome.met)
             programs, steps = programs + outcome.programs, steps + outcome.steps
             virtual_s += outcome.ended_s
+            parts.update(outcome.seconds)
             if outcome.violations:
                 failed.append(outcome.schedule.seed)
                 for text in outcome.violations:
@@ -49,6 +50,8 @@ def _many(first: int, count: int, workers: int, *, stop: bool) -> int:
         f"virtual time in {seconds:.1f} s ({1000 * seconds / count:.1f} ms each): "
         f"{len(failed)} with violations"
     )
+    for part, spent_s in parts.most_common():
+        print(f"{1000 * spent_s / count:8.1f} ms  {part}")
     for kind, times in sorted(met.items()):
         print(f"{times:8d}  {kind}")
     return 1 if failed else 0

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import shutil
 import tempfile
+import time
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+
+import numba
 
 from acquisition import CapturePlan, DataError, Labels, StorageError, record, resume
 from acquisition.engine.recording_loop import RecordingHooks
@@ -53,6 +57,8 @@ class Outcome:
         Number of steps of the world.
     ended_s
         Virtual time, seconds.
+    seconds
+        Real time of each part.
     """
 
     schedule: Schedule
@@ -61,6 +67,7 @@ class Outcome:
     programs: int
     steps: int
     ended_s: float
+    seconds: dict[str, float]
 
 
 class Trial:
@@ -87,21 +94,29 @@ class Trial:
         self._black = bench_sensor().black_level_dn
         self._reported: list[tuple[int, str]] = []
         self._found: list[str] = []
+        self._seconds: defaultdict[str, float] = defaultdict(float)
 
     def run(self) -> Outcome:
         """Record until the session is complete; return what was found."""
         programs = 0
+        state = self._state()
+        kernel_threads = numba.get_num_threads()
+        numba.set_num_threads(1)  # starting threads takes longer than a small frame
         try:
             while programs < _MOST_PROGRAMS:
                 if programs == _MOST_PROGRAMS - 1:
                     self.world.forget_events()
-                met = len(self.world.met)
-                before = self._state()
-                ended = self.world.run(f"program {programs}", self._program())
-                self._check_end(ended)
-                self._check_disk(before, ended)
+                met, before = len(self.world.met), state
+                with self._timed("programs"):
+                    ended = self.world.run(f"program {programs}", self._program(before))
+                with self._timed("checks of light and files"):
+                    self._check_end(ended)
+                    state = self._state()
+                    self._check_disk(before, state, ended)
+                with self._timed("verify"):
+                    if state.lines:
+                        self._check_verify(state, ended)
                 programs += 1
-                state = self._state()
                 if state.complete and not state.damaged:
                     break
                 if len(self.world.met) == met:
@@ -110,6 +125,8 @@ class Trial:
                 self.world.repair()
         except StuckError as error:
             self._note(str(error))
+        finally:
+            numba.set_num_threads(kernel_threads)
         world = self.world
         return Outcome(
             world.schedule,
@@ -118,7 +135,14 @@ class Trial:
             programs,
             world.scheduler.steps,
             world.scheduler.now_ns / 1e9,
+            dict(self._seconds),
         )
+
+    @contextmanager
+    def _timed(self, part: str) -> Iterator[None]:
+        began_s = time.perf_counter()
+        yield
+        self._seconds[part] += time.perf_counter() - began_s
 
     def _note(self, violation: str) -> None:
         self.world.say(f"VIOLATION {violation}")
@@ -127,11 +151,11 @@ class Trial:
     def _state(self) -> SessionState:
         return SessionState.read(self.session)
 
-    def _program(self) -> Callable[[], object]:
+    def _program(self, state: SessionState) -> Callable[[], object]:
         """Return what the operator starts now."""
-        if not self._state().lines:
+        if not state.lines:
             return self._record
-        return partial(self._resume, retake_damaged=bool(self._state().damaged))
+        return partial(self._resume, retake_damaged=bool(state.damaged))
 
     def _record(self) -> None:
         with self.world.open_rig() as rig:
@@ -152,11 +176,14 @@ class Trial:
         self._reported.append((line.seq, line.file_sha256))
 
     def _second(self) -> None:
-        """Let a second operator try to write to the same session."""
+        """Let a second operator try to resume the session, or another program to write to it."""
         try:
-            with SessionWriter.reopen(self.session) as writer:
-                writer.write_event("second", operator="other")
-        except (DataError, StorageError) as error:
+            if self.world.scheduler.random.random() < 0.5:
+                self._resume(retake_damaged=False)
+            else:
+                with SessionWriter.reopen(self.session) as writer:
+                    writer.write_event("second", operator="other")
+        except (RigError, DataError, StorageError) as error:
             self.world.say(f"second: {error}")
 
     def _check_end(self, ended: Program) -> None:
@@ -172,14 +199,14 @@ class Trial:
         for text in lit_after(world.board.history.lit, dark_ns):
             self._note(f"{ended.name}: {text}")
 
-    def _check_disk(self, before: SessionState, ended: Program) -> None:
-        now = self._state()
-        for text in (*lost(self._reported, now), *wrong_frames(self.session, now, self._black)):
+    def _check_disk(self, before: SessionState, now: SessionState, ended: Program) -> None:
+        texts = (
+            *lost(self._reported, now),
+            *wrong_frames(self.session, now, self._black),
+            *self._unexpected(before, now),
+        )
+        for text in texts:
             self._note(f"{ended.name}: {text}")
-        for text in self._unexpected(before, now):
-            self._note(f"{ended.name}: {text}")
-        if now.lines:
-            self._check_verify(now, ended)
 
     def _unexpected(self, before: SessionState, now: SessionState) -> Iterator[str]:
         """Yield what changed although it should not."""
