@@ -9,7 +9,7 @@ from serial import SerialException
 
 from simulator.led_board.faults import BoardFault, FaultyBoard, PowerCutError
 from simulator.led_board.firmware import BoardFirmware
-from simulator.led_board.outputs import ActiveInput, BoardOutputs, Event
+from simulator.led_board.outputs import ActiveInput, BoardOutputs
 from simulator.world.light import LightHistory, LightView
 from simulator.world.scheduler import NEVER_NS, Scheduler
 
@@ -34,6 +34,8 @@ class WorldBoard:
     ----------
     port
         Name of its port; each line of the world leads to it.
+    outputs
+        LEDs and trigger line, with their edges.
     """
 
     port = "world"
@@ -42,10 +44,10 @@ class WorldBoard:
         self._scheduler = scheduler
         self.history = LightHistory()
         self.view = LightView(self.history)
-        self._outputs = BoardOutputs(self.history)
+        self.outputs = BoardOutputs(self.history)
         self._active = ActiveInput(self.view)
-        firmware = BoardFirmware(leds, self._outputs, self._active, scheduler.now_ns)
-        self.board = FaultyBoard(firmware, self._outputs)
+        firmware = BoardFirmware(leds, self.outputs, self._active, scheduler.now_ns)
+        self.board = FaultyBoard(firmware, self.outputs)
         self.faults: list[BoardFault] = []
         # When the board is on the line again; it is now if this is not later than now.
         self.back_ns = 0
@@ -85,17 +87,8 @@ class WorldBoard:
         self.due_ns = 0
         self.board.reset(self._scheduler.now_ns)
 
-    def events(self) -> list[Event]:
-        """Return the edges since the last call; see `BoardOutputs.events`."""
-        return self._outputs.events(self._scheduler.now_ns)
-
-    def next_event_ns(self) -> int:
-        """Return when the next edge is, or the board does something."""
-        return min(self.due_ns, self._outputs.next_event_ns(self._scheduler.now_ns))
-
     def unplug(self) -> None:
         """Remove the board for ever: an LED stays on until its declared end."""
-        self.due_ns = 0
         self.back_ns = NEVER_NS
 
     def repair(self) -> None:

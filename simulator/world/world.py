@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime, timedelta
 from functools import partial
+from inspect import isfunction
 from pathlib import Path
 from typing import Any, cast
 
@@ -263,16 +264,7 @@ class World:
             (program, "send_to_itself", self._send_to_itself),
             (lines, "open_line", self._open_line),
         ]
-        changes: tuple[str, ...] = (
-            "open_file",
-            "close",
-            "write",
-            "write_at",
-            "fsync",
-            "replace",
-            "rename",
-        )
-        changes = (*changes, "unlink", "mkdir", "rmdir")
+        changes = [name for name, one in vars(filesystem).items() if isfunction(one)]
         own += [(filesystem, name, getattr(disk, name)) for name in changes]
         own += [
             (time, name, self._refused(name)) for name in ("sleep", "monotonic", "monotonic_ns")

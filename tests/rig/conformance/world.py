@@ -56,10 +56,13 @@ class WorldUnderTest(BoardUnderTest):
 
         def ready() -> list[int]:
             board.advance()
-            self._unread += board.events()
+            self._unread += board.outputs.events(scheduler.now_ns)
             there = {self._fd: board.arrived, self._output: self._unread}
             return [fd for fd in fds if there[fd]]
 
+        def next_ns() -> int:
+            return min(board.due_ns, board.outputs.next_event_ns(scheduler.now_ns))
+
         scheduler.step("wait for the board")
-        scheduler.wait(lambda: bool(ready()), round(ends_s * 1e9), lambda: board.next_event_ns())
+        scheduler.wait(lambda: bool(ready()), round(ends_s * 1e9), next_ns)
         return ready()
