@@ -16,7 +16,7 @@ PACKAGES = ("rig", "acquisition", "calibration", "processing", "simulator", "sgp
 # top, modules.
 BUDGET = {
     "rig": (3760, 46, 64),
-    "acquisition": (15181, 63, 151),
+    "acquisition": (15182, 63, 151),
     "calibration": (10161, 30, 86),
     "processing": (22494, 61, 204),
     "simulator": (8850, 28, 76),

@@ -311,8 +311,11 @@ def make_folder(folder: Path) -> None:
                 filesystem.mkdir(parent)
         if not folder.is_dir():
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(folder))
-        for created in new:
-            sync_folder(created.parent)
+        # All parents: a program that created one may have been killed before its name was durable.
+        # Folders that cannot be read were not created by it.
+        for parent in folder.absolute().parents:
+            with suppress(PermissionError):
+                sync_folder(parent)
 
 
 def sync_folder(folder: Path) -> None:
@@ -327,7 +330,7 @@ def sync_folder(folder: Path) -> None:
     try:
         filesystem.fsync(descriptor)
     except OSError as error:
-        if error.errno != errno.EINVAL:
+        if error.errno not in (errno.EINVAL, errno.EROFS):
             raise
     finally:
         filesystem.close(descriptor)

@@ -150,6 +150,10 @@ class FaultyBoard:
         self._seen = dict.fromkeys(faults, 0)
         self._reply_faults.clear()
 
+    def add_fault(self, fault: BoardFault) -> None:
+        """Add a fault, which applies to the commands sent from now on."""
+        self._seen[fault] = 0
+
     def receive(self, data: bytes, now_ns: int) -> None:
         """Receive bytes from the host.
 

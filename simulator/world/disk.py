@@ -84,7 +84,7 @@ class Disk:
     def open_file(self, path: str | Path, flags: int, mode: int = 0o777) -> int:
         """As `os.open`."""
         changes = bool(flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT))
-        self._step(f"open {Path(path).name}")
+        self._step(f"open {Path(path).name if self._holds(path) else 'a path outside'}")
         if changes:
             self._refuse(path)
         known = self._node(path)

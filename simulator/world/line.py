@@ -48,7 +48,6 @@ class WorldBoard:
         self._active = ActiveInput(self.view)
         firmware = BoardFirmware(leds, self.outputs, self._active, scheduler.now_ns)
         self.board = FaultyBoard(firmware, self.outputs)
-        self.faults: list[BoardFault] = []
         # When the board is on the line again; it is now if this is not later than now.
         self.back_ns = 0
         self.user: object = None
@@ -67,13 +66,11 @@ class WorldBoard:
 
     def add_fault(self, fault: BoardFault) -> None:
         """Add a fault to those that wait for their command."""
-        self.faults.append(fault)
-        self.board.set_faults(self.faults)
+        self.board.add_fault(fault)
 
     def set_faults(self, *faults: BoardFault) -> None:
         """Replace the faults; the new ones apply to the commands sent from now on."""
-        self.faults = list(faults)
-        self.board.set_faults(self.faults)
+        self.board.set_faults(faults)
 
     def set_active(self, up: bool) -> None:
         """Set the level of the exposure-active input."""
@@ -94,7 +91,6 @@ class WorldBoard:
     def repair(self) -> None:
         """End all faults: the operator has checked board and cable."""
         self.due_ns = 0
-        self.faults.clear()
         self.board.set_faults(())
         self.extra_ns = self.splits = 0
         if self.back_ns > self._scheduler.now_ns:

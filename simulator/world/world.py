@@ -181,7 +181,7 @@ class World:
         place, _, kind = event.kind.partition(":")
         value, scheduler = event.value, self.scheduler
         if kind == "brown-out":
-            self.board.board.reset(scheduler.now_ns)
+            self.board.reset()
         elif place == "board":
             # An LED; milliseconds that are about those of a shot; others are plausible as they are.
             most = {"wrong-led": self.leds, "goes-dark": 30}.get(kind, value + 1)

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from acquisition import DataError
+from acquisition import DataError, make_folder
 from acquisition.files import storage
 from rig import Board, BoardError
 from rig.board import protocol
@@ -93,6 +93,17 @@ FOUND = {
 @pytest.mark.parametrize("schedule", FOUND.values(), ids=FOUND)
 def test_what_was_found_stays_repaired(schedule: Schedule) -> None:
     assert run(schedule).violations == ()
+
+
+def test_a_folder_that_a_killed_program_created_becomes_durable(tmp_path: Path) -> None:
+    for step in range(1, 20):
+        (tmp_path / str(step)).mkdir()
+        world = World(Schedule(step, (Event(step, "program:SIGKILL"),)), tmp_path / str(step))
+        folder = world.disk.root / "owl" / "frames"
+        for name in ("killed", "next"):
+            world.run(name, lambda folder=folder: make_folder(folder))
+        world.disk.power_loss()
+        assert folder.is_dir(), step
 
 
 @pytest.mark.slow

@@ -27,7 +27,7 @@ KINDS: tuple[FaultKind, ...] = (
     *("double-byte-command", "drop-reply", "double-reply", "corrupt-reply", "lose-byte-reply"),
     *("double-byte-reply", "banner", "wrong-led", "reset-after"),
 )
-CAMERA: tuple[CameraFault, ...] = ("lost", "twice", "wrong-size")
+CAMERA: tuple[CameraFault, ...] = ("lost", "twice")
 CONFIG = RigConfig(name="world", driver="world", leds=LEDS, frame_timeout_s=1.0)
 SAME = ("kind", "role", "led", "bracket", "repeat", "file", "file_sha256", "status", "event")
 EVEN = ImageFormation(bench_sensor(), noisy=False)
