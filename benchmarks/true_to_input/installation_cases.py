@@ -223,8 +223,9 @@ def _doctor(folder: Path) -> Outcome:
     out = place.run(
         ("-c", "import subprocess, sys\n"
          "done = subprocess.run([sys.executable, '-m', 'sgp', 'doctor'], capture_output=True, "
-         "text=True)\nprint('{\"ok\":', 'true}' if any('kernels' in line and "
-         f"{str(place.temporary)!r} in line for line in done.stdout.splitlines()) else 'false}}')"),
+         "text=True)\ntext = ''.join(done.stdout.split())  # lines end within long names\n"
+         "print('{\"ok\":', 'true}' if 'kernels' in text and "
+         f"{str(place.temporary)!r} in text else 'false}}')"),
         locked=[place.packages],
     )  # fmt: skip
     if not out.ok:
