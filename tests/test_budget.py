@@ -15,11 +15,11 @@ PACKAGES = ("rig", "acquisition", "calibration", "processing", "simulator", "sgp
 # At most, for each package: code lines (without docstrings, comments and blanks), names at the
 # top, modules.
 BUDGET = {
-    "rig": (3760, 46, 64),
+    "rig": (3766, 46, 64),
     "acquisition": (15182, 63, 151),
     "calibration": (10161, 30, 86),
     "processing": (22494, 61, 204),
-    "simulator": (8850, 28, 76),
+    "simulator": (8852, 28, 76),
     "sgp": (14427, 0, 144),
 }
 WORDS_OF_DOCUMENTS = 60000

@@ -82,6 +82,16 @@ class Board:
             Time in ms, 1 to the board's ``max_hold_ms``.
         """
         outcome = self._echoed("ON", str(led), str(hold_ms))
+        if outcome.again:
+            # A board that has restarted carries out a repetition that is still on its way, which
+            # turns the LED on a second time. All of them arrive before this query.
+            lit = self.status().led
+            if lit != led:
+                raise BoardError(
+                    f"LED board on {self.port}: LED {led} was turned on, but "
+                    f"{'no LED' if lit is None else f'LED {lit}'} is on: check the board's supply, "
+                    "then shoot again"
+                )
         return BoardEcho(outcome.seq, led)
 
     def off(self) -> BoardEcho:

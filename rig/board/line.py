@@ -110,11 +110,11 @@ class BoardLine:
             If the connection is lost, there is no answer, or `darken` was called meanwhile.
         """
         command, darkened = self._next(verb, args), self._darkened
-        for _ in range(attempts):
+        for attempt in range(attempts):
             self._send(command, darkened)
             reply = self._await(command, REPLY_TIMEOUT_S)
             if reply is not None:
-                return Outcome(self.port, command, reply)
+                return Outcome(self.port, command, reply, again=attempt > 0)
         raise silent(self.port, command, attempts * REPLY_TIMEOUT_S, self._rejected)
 
     def begin(self, lasts_s: float, verb: str, *args: str) -> None:

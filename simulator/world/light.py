@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from simulator.bench.state import (
     FULL_LEVEL,
     NEVER_NS,
@@ -55,10 +57,19 @@ class LightHistory(BenchWriter):
 
 
 class LightView(BenchState):
-    """The camera's part."""
+    """The camera's part.
 
-    def __init__(self, history: LightHistory) -> None:
+    Parameters
+    ----------
+    history
+        The board's part.
+    advance
+        Lets the board do what is due; called before its part is read.
+    """
+
+    def __init__(self, history: LightHistory, advance: Callable[[], None]) -> None:
         self._history = history
+        self._advance = advance
         self._exposures: list[ExposurePeriod] = []
 
     @property
@@ -68,10 +79,12 @@ class LightView(BenchState):
 
     def periods(self) -> tuple[LitPeriod, ...]:
         """Return the last lit periods; see `BenchState`."""
+        self._advance()
         return tuple(self._history.lit[-RING:])
 
     def triggers(self) -> tuple[TriggerPulse, ...]:
         """Return the last trigger pulses; see `BenchState`."""
+        self._advance()
         last = self._history.pulses[-RING:]
         return tuple(pulse for pulse in last if pulse.time_ns != NEVER_NS)
 

@@ -43,7 +43,7 @@ class WorldBoard:
     def __init__(self, scheduler: Scheduler, leds: int) -> None:
         self._scheduler = scheduler
         self.history = LightHistory()
-        self.view = LightView(self.history)
+        self.view = LightView(self.history, self.advance)
         self.outputs = BoardOutputs(self.history)
         self._active = ActiveInput(self.view)
         firmware = BoardFirmware(leds, self.outputs, self._active, scheduler.now_ns)

@@ -25,7 +25,7 @@ class BoardModel(RuleBasedStateMachine):
         self.history = LightHistory()
         outputs = BoardOutputs(self.history)
         self.now_ns = 1_000_000_000
-        active = ActiveInput(LightView(self.history))
+        active = ActiveInput(LightView(self.history, lambda: None))
         self.board = BoardFirmware(LEDS, outputs, active, self.now_ns)
         self.seq = 0
         self.last: tuple[Command, list[Reply]] | None = None

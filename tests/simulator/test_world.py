@@ -7,6 +7,7 @@ import os
 import random
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -112,6 +113,35 @@ def test_an_end_at_every_eighth_step_is_survived(kind: str) -> None:
     for step in range(100, 1000, 8):
         outcome = run(Schedule(step, (Event(step, kind),)))
         assert outcome.violations == (), step
+
+
+def test_an_led_that_is_on_at_off_was_on_since_its_on(tmp_path: Path) -> None:
+    """Seed 7666: a frame was recorded although its LED went out when its exposure began."""
+    for reset_ms in range(100, 800, 15):
+        (tmp_path / str(reset_ms)).mkdir()
+        world = World(CALM, tmp_path / str(reset_ms))
+        world.board.extra_ns = 140_000_000  # ON is sent again before its reply arrives
+        seen: list[int | None] = []
+
+        def shoots(world: World = world, reset_ms: int = reset_ms, seen: list[Any] = seen) -> None:
+            def restarts() -> None:
+                clock.sleep(reset_ms / 1000)
+                world.board.reset()
+
+            board = Board("world")
+            threads.Thread(target=restarts, daemon=True).start()
+            with suppress(BoardError):
+                board.on(2, 5000)
+                begins_ns = clock.monotonic_ns()
+                clock.sleep(0.15)
+                ends_ns = clock.monotonic_ns()
+                if board.off().led == 2:
+                    seen.extend((begins_ns, ends_ns))
+
+        assert world.run("program", shoots).error is None
+        lit = world.board.history.lit
+        for begins_ns, ends_ns in zip(seen[::2], seen[1::2], strict=True):
+            assert any(p.start_ns <= begins_ns and ends_ns <= p.end_ns for p in lit), reset_ms
 
 
 def test_the_second_operator_is_refused_or_has_the_session_alone(tmp_path: Path) -> None:
