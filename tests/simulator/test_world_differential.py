@@ -98,8 +98,16 @@ def in_reality(seed: int, folder: Path) -> tuple[str, list[dict[str, Any]]]:
 SLOW = [pytest.param(first, marks=pytest.mark.slow) for first in range(8, 200, 24)]
 
 
+# On a busy computer, a real recording may lose a frame and take it again.
+ATTEMPTS = 4
+
+
 @pytest.mark.parametrize("first", [0, *SLOW])
 def test_journals_are_equal(first: int, tmp_path: Path) -> None:
     for seed in range(first, first + (24 if first else 8)):
         world = in_world(seed, tmp_path / f"world{seed}")
-        assert in_reality(seed, tmp_path / f"real{seed}") == world, seed
+        for attempt in range(ATTEMPTS):
+            real = in_reality(seed, tmp_path / f"real{seed}-{attempt}")
+            if real == world:
+                break
+        assert real == world, seed
