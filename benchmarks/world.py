@@ -77,6 +77,8 @@ def main() -> int:
         "--shrink", action="store_true", help="reduce the faults to those that are needed to fail"
     )
     options = parser.parse_args()
+    if options.count < 1 or options.workers < 1:
+        parser.error("--count and --workers must be at least 1")
     if options.seed is None and options.schedule is None:
         return _many(options.first, options.count, options.workers, stop=options.stop)
     try:

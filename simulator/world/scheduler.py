@@ -15,7 +15,6 @@ from typing import Any
 
 import numba
 
-_MS = 1_000_000
 # Time that one step takes, and how often another thread continues after it.
 _STEP_NS = (1_000, 30_000)
 _SWITCHES = 0.3
