@@ -123,7 +123,7 @@ def test_damage_is_a_notice(capsys, tmp_path):
     assert (notice["code"], notice["severity"]) == ("frame-damaged", "error")
 
 
-def test_nobody_is_asked_for_the_white_card(sgp, tmp_path, monkeypatch):
+def test_the_white_card_is_not_asked_for(sgp, tmp_path, monkeypatch):
     monkeypatch.setattr("sgp.sessions.operator_messages.is_attended", lambda: True)
     words = ("--rig", rig_file(tmp_path), "--plan", plan_file(tmp_path, 8000.0, "flats = 1\n"))
     answer = sgp("capture", "run", tmp_path / "s", *words, "--skip-check", "--events")
