@@ -6,6 +6,7 @@ from .event_stream import EventStream as EventStream
 from .event_stream import write_event as write_event
 from .event_stream import write_finished as write_finished
 from .operator_messages import CaptureTalk as CaptureTalk
+from .operator_messages import event_text as event_text
 from .resume_command import ResumeCommand as ResumeCommand
 from .resume_command import can_be_retaken as can_be_retaken
 from .rig_recording import Order as Order

@@ -29,6 +29,14 @@ _EVENTS = {
 }
 
 
+def event_text(event: str, details: Mapping[str, Any]) -> str | None:
+    """Return the line about an event for the operator; None for one that does not concern them."""
+    if event not in _EVENTS:
+        return None
+    kept = f", kept as {details['kept']}" if details.get("kept") else ""
+    return _EVENTS[event].format_map({**details, "kept": kept})
+
+
 class CaptureTalk:
     """Callbacks of a recording that show progress, events, and the state after an early end.
 
@@ -84,9 +92,9 @@ class CaptureTalk:
     def on_event(self, event: str, details: Mapping[str, Any]) -> None:
         """Report the events that concern the operator."""
         self._audience.journal(event, details)
-        if event in _EVENTS:
-            kept = f", kept as {details['kept']}" if details.get("kept") else ""
-            note(_EVENTS[event].format_map({**details, "kept": kept}))
+        text = event_text(event, details)
+        if text is not None:
+            note(text)
 
     def on_damage(self, problem: str) -> None:
         """Report damage at once, while the object is still in place for a retake."""
