@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from cyclopts import Parameter
 
 import acquisition
 import rig as rigs
-from sgp.cli.console import note
+from sgp.cli.console import note, report
 from sgp.sessions.event_stream import EventStream
 
 if sys.platform != "win32":
@@ -21,6 +21,7 @@ Code = Literal[
     "exposure-too-dark",
     "frame-shifted",
     "light-lost",
+    "light-turned",
     "object-changed",
     "room-light-strong",
 ]
@@ -28,34 +29,42 @@ Accepted = Annotated[tuple[Code, ...], Parameter(negative=(), consume_multiple=F
 
 
 class Acceptance:
-    """Answers whether to continue after findings that make a recording useless.
+    """Answers whether to continue after findings.
 
     Parameters
     ----------
     codes
-        Codes of the findings that are accepted; the operator is asked about others if the command
-        is used on a terminal.
+        Codes of the findings that are accepted; the operator is asked about others, once for each
+        code, if the command is used on a terminal.
     stream
         Receives the questions in place of the operator.
     """
 
     def __init__(self, codes: Sequence[Code] = (), stream: EventStream | None = None) -> None:
-        self._codes = codes
+        self._codes: set[str] = {*codes}
         self._stream = stream
 
     def __call__(self, finding: rigs.Notice) -> bool:
-        """Return whether a finding is accepted."""
+        """Return whether a finding is accepted.
+
+        Findings that do not make a recording useless are accepted if the operator is not asked.
+        """
         if finding.code in self._codes:
             return True
-        if self._stream is not None:
-            self._stream.question(finding)
-            return False
-        if not is_attended():
-            return False
+        useless = finding.code in get_args(Code)
+        if self._stream is not None or not is_attended():
+            if not useless:
+                report(finding)
+            elif self._stream is not None:
+                self._stream.question(finding)
+            return not useless
         forget_keys()
         note(f"{finding}")
         note("continue anyway? type yes and press Enter; any other answer stops")
-        return sys.stdin.readline().strip().lower() in ("y", "yes")
+        if sys.stdin.readline().strip().lower() not in ("y", "yes"):
+            return False
+        self._codes.add(finding.code)
+        return True
 
     def require(self, finding: rigs.Notice) -> None:
         """Refuse a finding that is not accepted.
