@@ -60,6 +60,7 @@ _GROUPS: dict[str, dict[str, tuple[str, ...]]] = {
         "capture": ("run", "resume"),
         "capture_info": ("verify", "info"),
         "capture_plan": ("plan", "check"),
+        "capture_preview": ("preview",),
         "capture_files": ("compact", "export", "import_"),
     },
     "rig": {"rig": ("list_", "check", "light", "off", "snap", "selftest")},

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from typing import Annotated, Literal, get_args
 
@@ -10,11 +9,8 @@ from cyclopts import Parameter
 
 import acquisition
 import rig as rigs
-from sgp.cli.console import note, report
-from sgp.sessions.event_stream import EventStream
-
-if sys.platform != "win32":
-    import termios
+from sgp.cli.console import report
+from sgp.sessions.audience import Audience
 
 Code = Literal[
     "exposure-saturated",
@@ -34,34 +30,26 @@ class Acceptance:
     Parameters
     ----------
     codes
-        Codes of the findings that are accepted; the operator is asked about others, once for each
-        code, if the command is used on a terminal.
-    stream
-        Receives the questions in place of the operator.
+        Codes of the findings that are accepted.
+    audience
+        Asked about others, once for each code.
     """
 
-    def __init__(self, codes: Sequence[Code] = (), stream: EventStream | None = None) -> None:
+    def __init__(self, codes: Sequence[Code] = (), audience: Audience | None = None) -> None:
         self._codes: set[str] = {*codes}
-        self._stream = stream
+        self._audience = audience or Audience()
 
     def __call__(self, finding: rigs.Notice) -> bool:
         """Return whether a finding is accepted.
 
-        Findings that do not make a recording useless are accepted if the operator is not asked.
+        Findings that do not make a recording useless are accepted if the audience cannot answer.
         """
         if finding.code in self._codes:
             return True
-        useless = finding.code in get_args(Code)
-        if self._stream is not None or not is_attended():
-            if not useless:
-                report(finding)
-            elif self._stream is not None:
-                self._stream.question(finding)
-            return not useless
-        forget_keys()
-        note(f"{finding}")
-        note("continue anyway? type yes and press Enter; any other answer stops")
-        if sys.stdin.readline().strip().lower() not in ("y", "yes"):
+        if finding.code not in get_args(Code) and not self._audience.answers:
+            report(finding)
+            return True
+        if not self._audience.question(finding):
             return False
         self._codes.add(finding.code)
         return True
@@ -76,14 +64,3 @@ class Acceptance:
         """
         if not self(finding):
             raise acquisition.NotAcceptedError(finding)
-
-
-def is_attended() -> bool:
-    """Return whether an operator can answer questions."""
-    return sys.stdin is not None and sys.stdin.isatty()
-
-
-def forget_keys() -> None:
-    """Discard keys that were pressed before a question: they do not answer it."""
-    if sys.platform != "win32":
-        termios.tcflush(sys.stdin, termios.TCIFLUSH)
