@@ -19,6 +19,8 @@ width = 64
 height = 52
 seed = 3
 """
+# The same rig for a test in virtual time.
+WORLD_RIG = RIG + 'camera = "inside"\nrealtime = false\n'
 CAPTURE = [sys.executable, "-c", "from sgp import capture; capture()"]
 
 
