@@ -77,7 +77,8 @@ def preview(
     name = chosen_rig(rig)
     config, order = rigs.find_rig_config(name), Order.read(name, rig, stored)
     chosen, _ = chosen_plan(plan, config)
-    desk = Desk(PlanSheet(chosen, config))
+    # A recording states which LEDs of the plan file it leaves out.
+    desk = Desk(PlanSheet(chosen if plan is None else acquisition.read_plan(plan), config))
     station = Station(
         lambda: rigs.open_rig(name),
         desk,

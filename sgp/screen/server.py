@@ -6,7 +6,6 @@ import asyncio
 import json
 import secrets
 import socket
-import threading
 import time
 from collections.abc import AsyncIterator, Callable
 from importlib.resources import files
@@ -26,9 +25,10 @@ from starlette.routing import Route
 from acquisition.preview import Marks, Region, picture_of
 from rig.arrays import UInt8
 from rig.messages import validation_message
-from sgp.cli.exit import UsageError
+from sgp.cli.exit import UsageError, error_text
 from sgp.screen.access import Access
 from sgp.screen.actions import ACTION, Action
+from sgp.screen.beside import Beside
 from sgp.screen.station import BusyError, Station
 
 _LOOK_S: Final = 0.03
@@ -52,6 +52,8 @@ class Control:
     def has(self, page: str) -> bool:
         """Return whether a page has control; without another one that has it, it gets it."""
         now_s = time.monotonic()
+        if not page:
+            return False
         if page != self._page and now_s - self._seen_s < _CONTROL_S:
             return False
         self._page, self._seen_s = page, now_s
@@ -102,29 +104,24 @@ class ScreenServer:
                 ws="none",
                 lifespan="off",
                 log_config=None,
-                access_log=False,
+                log_level="critical",  # malformed requests are no lines in the terminal
                 server_header=False,
                 limit_concurrency=64,
                 timeout_graceful_shutdown=1,
             )
         )
-        self._thread = threading.Thread(target=self._serve, name="screen", daemon=True)
+        self._beside = Beside(station, lambda: self._server.run(sockets=[self._socket]))
 
     def __enter__(self) -> Self:
-        self._thread.start()
+        self._beside.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._station.close()
         self._server.should_exit = True
-        self._thread.join(5)
-        self._socket.close()
-
-    def _serve(self) -> None:
         try:
-            self._server.run(sockets=[self._socket])
+            self._beside.end()
         finally:
-            self._station.close()
+            self._socket.close()
 
     async def _page(self, request: Request) -> Response:
         return _file("page.html")
@@ -193,6 +190,8 @@ class ScreenServer:
             return _refused(409, str(error))
         except (UsageError, ValueError) as error:
             return _refused(422, str(error))
+        except Exception as error:  # noqa: BLE001
+            return _refused(500, error_text(error))
         return JSONResponse({})
 
 

@@ -1,4 +1,4 @@
-"""A rig of a virtual board and a camera inside, whose light tests read, with the page of a station."""
+"""A rig of a virtual board and a camera inside, and the page of its station."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ import http.client
 import json
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -24,6 +25,8 @@ from simulator.camera import ImageFormation, VirtualCamera
 from simulator.led_board import VirtualBoard
 
 LEDS = 6
+PLAN = CapturePlan(leds="0-5", exposures_us=(5000.0,))
+FIRST = Light("one", (0,), 5000.0)
 LIMIT_S = 30.0
 
 
@@ -41,7 +44,11 @@ class LitRig:
     """
 
     def __init__(
-        self, size: tuple[int, int] = (64, 52), *, realtime: bool = False, dead: tuple[int, ...] = ()
+        self,
+        size: tuple[int, int] = (64, 52),
+        *,
+        realtime: bool = False,
+        dead: tuple[int, ...] = (),
     ) -> None:
         scene = scene_named("coin", width=size[0], height=size[1], leds=LEDS)
         self._view = render(scene)
@@ -118,7 +125,11 @@ class Served:
         return urlsplit(self.address).path
 
     def send(
-        self, method: str, place: str, body: bytes | None = None, **headers: str | None
+        self,
+        method: str,
+        place: str,
+        body: bytes = b"",
+        headers: Mapping[str, str | None] = MappingProxyType({}),
     ) -> tuple[int, bytes]:
         """Send a request as the page would; headers replace its own, None leaves one out."""
         host = f"127.0.0.1:{self.port}"
@@ -127,9 +138,9 @@ class Served:
             sent |= {
                 "Origin": f"http://{host}",
                 "Content-Type": "application/json",
-                "Content-Length": str(len(body or b"")),
+                "Content-Length": str(len(body)),
             }
-        sent |= {name.replace("_", "-"): value for name, value in headers.items()}
+        sent |= headers
         link = http.client.HTTPConnection("127.0.0.1", self.port, timeout=LIMIT_S)
         try:
             link.putrequest(method, place, skip_host=True, skip_accept_encoding=True)
@@ -144,12 +155,13 @@ class Served:
 
     def get(self, name: str, **headers: str | None) -> tuple[int, bytes]:
         """Get something of the page by its name below the token."""
-        return self.send("GET", self.path + name, **headers)
+        return self.send("GET", self.path + name, headers=headers)
 
-    def do(self, page: str = "test", **action: Any) -> tuple[int, dict[str, Any]]:
-        """Request an action as a page."""
-        code, answer = self.send("POST", self.path + "do", json.dumps(action).encode(), X_Page=page)
-        return code, json.loads(answer or b"{}")
+    def do(self, page: str = "test", **action: Any) -> tuple[int, str]:
+        """Request an action as a page; return the status and the error."""
+        body = json.dumps(action).encode()
+        code, answer = self.send("POST", self.path + "do", body, {"X-Page": page})
+        return code, json.loads(answer).get("error", "")
 
     @contextmanager
     def watched(self, page: str = "test") -> Iterator[Iterator[dict[str, Any]]]:
@@ -193,15 +205,16 @@ def served(
     rig: LitRig,
     out: Path,
     *,
-    plan: CapturePlan | None = None,
+    plan: CapturePlan = PLAN,
     pixel_mm: float | None = None,
-    light: Light = Light("one", (0,), 5000.0),
+    light: Light = FIRST,
 ) -> Iterator[Served]:
     """Run a station with its page in threads."""
-    chosen = plan or CapturePlan(leds=range(LEDS), exposures_us=(5000.0,))
-    desk = Desk(PlanSheet(chosen, rig.config))
+    desk = Desk(PlanSheet(plan, rig.config))
     station = Station(rig.open, desk, light)
-    screen = Screen(station, desk, Order("small", StoredOptions(), "Ada", None, None), out, pixel_mm)
+    screen = Screen(
+        station, desk, Order("small", StoredOptions(), "Ada", None, None), out, pixel_mm
+    )
     errors: list[BaseException] = []
 
     def run() -> None:
