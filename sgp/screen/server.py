@@ -213,6 +213,7 @@ def _bound(port: int) -> socket.socket:
     try:
         bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         bound.bind(("127.0.0.1", port))
+        bound.listen()  # a browser that is faster than the server waits
     except OSError as error:
         bound.close()
         raise UsageError(
