@@ -9,6 +9,7 @@ import socket
 import time
 from collections.abc import AsyncIterator, Callable
 from importlib.resources import files
+from importlib.resources.abc import Traversable
 from pathlib import PurePosixPath
 from typing import Final, Self
 
@@ -85,6 +86,7 @@ class ScreenServer:
     ) -> None:
         self._station, self._perform, self._pictures = station, perform, pictures
         self._control = Control()
+        self._assets = _assets()
         self._socket = _bound(port)
         port = self._socket.getsockname()[1]
         token = secrets.token_urlsafe(24)
@@ -106,7 +108,6 @@ class ScreenServer:
                 log_config=None,
                 log_level="critical",  # malformed requests are no lines in the terminal
                 server_header=False,
-                limit_concurrency=64,
                 timeout_graceful_shutdown=1,
             )
         )
@@ -124,10 +125,16 @@ class ScreenServer:
             self._socket.close()
 
     async def _page(self, request: Request) -> Response:
-        return _file("page.html")
+        return self._file("page.html")
 
     async def _asset(self, request: Request) -> Response:
-        return _file(request.path_params["name"])
+        return self._file(request.path_params["name"])
+
+    def _file(self, name: str) -> Response:
+        if name not in self._assets:
+            return _refused(404, "there is no such file")
+        kind = _TYPES[PurePosixPath(name).suffix]
+        return Response(self._assets[name].read_bytes(), media_type=kind)
 
     async def _events(self, request: Request) -> Response:
         page = request.query_params.get("page", "")
@@ -223,20 +230,12 @@ def _bound(port: int) -> socket.socket:
     return bound
 
 
-def _file(name: str) -> Response:
-    """Return a file of the page; the style sheet and the widgets of the report are shared."""
-    folder = files("sgp.screen")
-    suffix = PurePosixPath(name).suffix
-    if name == "style.css" or name in _SHARED:
-        shared = files("sgp.report")
-        found = shared.joinpath("style.css" if suffix == ".css" else f"js/{name}")
-    elif suffix == ".js":
-        found = folder.joinpath("js", name)
-    else:
-        found = folder.joinpath(name)
-    if suffix not in _TYPES or "/" in name or "\\" in name or not found.is_file():
-        return _refused(404, "there is no such file")
-    return Response(found.read_bytes(), media_type=_TYPES[suffix])
+def _assets() -> dict[str, Traversable]:
+    """Return the files of the page by name; some are those of the report."""
+    screen, report = files("sgp.screen"), files("sgp.report")
+    own = [screen / "page.html", screen / "screen.css", *(screen / "js").iterdir()]
+    shared = [report / "style.css", *(report / "js" / name for name in _SHARED)]
+    return {file.name: file for file in (*own, *shared)}
 
 
 def _refused(status: int, text: str) -> JSONResponse:
