@@ -11,11 +11,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Protocol
 from urllib.parse import urlsplit
 
 from acquisition import CapturePlan
-from rig import Board, Rig, RigConfig
+from rig import Board, Rig, RigConfig, find_rig_config, open_rig
 from sgp.screen import Desk, Light, PlanSheet, Screen, Station
 from sgp.screen.server import ScreenServer
 from sgp.sessions import Order, StoredOptions
@@ -105,7 +105,6 @@ class LitRig:
 class Served:
     """A station with its page, and what tests ask of them."""
 
-    rig: LitRig
     station: Station
     desk: Desk
     screen: Screen
@@ -200,9 +199,31 @@ def until(holds: Callable[[], object], limit_s: float = LIMIT_S) -> None:
         time.sleep(0.01)
 
 
+class RigSource(Protocol):
+    """What opens rigs of one configuration."""
+
+    config: RigConfig
+
+    def open(self) -> Rig:
+        """Open the rig."""
+        ...
+
+
+class RigFile:
+    """Opens the rig of a rig file."""
+
+    def __init__(self, path: Path) -> None:
+        self._name = str(path)
+        self.config = find_rig_config(self._name)
+
+    def open(self) -> Rig:
+        """Open the rig."""
+        return open_rig(self._name)
+
+
 @contextmanager
 def served(
-    rig: LitRig,
+    rig: RigSource,
     out: Path,
     *,
     plan: CapturePlan = PLAN,
@@ -227,7 +248,7 @@ def served(
     with ScreenServer(station, screen.perform, screen.picture) as server:
         thread.start()
         try:
-            yield Served(rig, station, desk, screen, server.address, out, errors)
+            yield Served(station, desk, screen, server.address, out, errors)
         finally:
             station.close()
             thread.join(LIMIT_S)

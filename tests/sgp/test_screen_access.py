@@ -22,24 +22,29 @@ BAD_REQUESTS = 1000
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
-    """A page that nobody looks at, so that nothing is lit."""
-    rig = LitRig()
+def rig() -> Iterator[LitRig]:
+    made = LitRig()
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="module")
+def page(rig: LitRig, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    """A page whose live picture is paused, so that nothing is lit."""
     with served(rig, tmp_path_factory.mktemp("recordings")) as made:
         made.station.pause(True)
         yield made
     assert made.errors == []
-    rig.close()
 
 
 @pytest.fixture(autouse=True)
-def nothing_lit(page: Served) -> Iterator[None]:
+def nothing_lit(rig: LitRig, page: Served) -> Iterator[None]:
     """After each test, nothing was lit, and the server answers."""
     until(lambda: page.station.state()["rig"])
     start_ns = time.monotonic_ns()
     yield
     assert page.station.current_light.leds == (0,)
-    assert page.rig.lit_since(start_ns) == set()
+    assert rig.lit_since(start_ns) == set()
     assert page.get("")[0] == 200
 
 
@@ -280,5 +285,5 @@ def test_each_start_has_another_token(page: Served) -> None:
 
 def test_other_addresses_do_not_answer(page: Served) -> None:
     for address in ("127.0.0.2", "::1"):
-        with pytest.raises(OSError, match="refused|unreachable|assign|supported"):
+        with pytest.raises(OSError, match=r"refused|unreachable|assign|supported"):
             socket.create_connection((address, page.port), timeout=10)
