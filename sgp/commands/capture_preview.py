@@ -106,10 +106,11 @@ def _page(station: Station, screen: Screen, port: int, no_open: bool) -> Iterato
     try:
         from sgp.screen.server import ScreenServer
     except ModuleNotFoundError as error:
-        if error.name not in _EXTRA:
+        missing = (error.name or "").partition(".")[0]
+        if missing not in _EXTRA:
             raise
         raise UsageError(
-            f"the page needs the extra `screen` ({error.name} is missing): install "
+            f"the page needs the extra `screen` ({missing} is missing): install "
             "surface-geometry-processing[screen], or use --terminal"
         ) from error
     with ScreenServer(station, screen.perform, screen.picture, port=port) as server:
