@@ -39,8 +39,8 @@ class LitRig:
         Width and height of a frame in px.
     realtime
         Whether the camera waits for the exposure time.
-    dead
-        LEDs that the rig file lists as dead.
+    leds, dead
+        Number of LEDs, and those that the rig file lists as dead.
     """
 
     def __init__(
@@ -48,16 +48,17 @@ class LitRig:
         size: tuple[int, int] = (64, 52),
         *,
         realtime: bool = False,
+        leds: int = LEDS,
         dead: tuple[int, ...] = (),
     ) -> None:
-        scene = scene_named("coin", width=size[0], height=size[1], leds=LEDS)
+        scene = scene_named("coin", width=size[0], height=size[1], leds=leds)
         self._view = render(scene)
         self._scene, self._realtime = scene, realtime
         places = scene.lights.positions_mm
         assert places is not None
         positions = tuple((x, y, z) for x, y, z in places.tolist())
         self.config = RigConfig(
-            name="small", driver="simulated", leds=LEDS, dead_leds=dead, led_positions_mm=positions
+            name="small", driver="simulated", leds=leds, dead_leds=dead, led_positions_mm=positions
         )
         self.opened: list[Rig] = []
         self.failure: Exception | None = None
@@ -65,7 +66,7 @@ class LitRig:
 
     def connect(self) -> None:
         """Connect a board."""
-        self.board = VirtualBoard(LEDS)
+        self.board = VirtualBoard(self.config.leds)
         self.state = BenchState(self.board.bench_state_path)
 
     def unplug(self) -> None:

@@ -287,6 +287,30 @@ def test_a_program_that_ends_leaves_no_led_on(bench: Bench, tmp_path: Path, numb
         assert bench.dark()
 
 
+@pytest.mark.slow
+def test_a_minute_of_live_pictures_needs_no_more_memory(file: Path, tmp_path: Path) -> None:
+    file.write_text(RIG.replace("64", "512").replace("52", "400") + 'camera = "inside"\n')
+
+    def resident_mb(program: Program) -> float:
+        status = Path(f"/proc/{program.pid}/status").read_text()
+        return int(status.partition("VmRSS:")[2].split()[0]) / 1024
+
+    region = "left=0&top=0&width=512&height=400&columns=512&rows=400&clipped=1&peaking=1"
+    with Program("--rig", file, cwd=tmp_path) as program:
+        page = program.page(tmp_path)
+        with page.watched() as states:
+            found: list[float] = []
+            ends_s = time.monotonic() + 60
+            while time.monotonic() < ends_s:
+                number = next(states)["live"]["frame"].get("number", 0)
+                page.get(f"frame?after={number - 1}&{region}")
+                found.append(resident_mb(program))
+        code, _, _ = program.end()
+    third = len(found) // 3
+    assert code == 0
+    assert max(found[-third:]) < max(found[third : 2 * third]) + 10
+
+
 # The terminal.
 
 
