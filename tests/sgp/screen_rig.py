@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Protocol
@@ -19,7 +20,7 @@ from rig import Board, Rig, RigConfig, find_rig_config, open_rig
 from sgp.screen import Desk, Light, PlanSheet, Screen, Station
 from sgp.screen.server import ScreenServer
 from sgp.sessions import Order, StoredOptions
-from simulator import render, scene_named
+from simulator import Rendering, render, scene_named
 from simulator.bench import BenchState
 from simulator.camera import ImageFormation, VirtualCamera
 from simulator.led_board import VirtualBoard
@@ -51,9 +52,9 @@ class LitRig:
         leds: int = LEDS,
         dead: tuple[int, ...] = (),
     ) -> None:
-        scene = scene_named("coin", width=size[0], height=size[1], leds=leds)
-        self._view = render(scene)
-        self._scene, self._realtime = scene, realtime
+        self._view = _view(size, leds)
+        self._scene = scene = self._view.scene
+        self._realtime = realtime
         places = scene.lights.positions_mm
         assert places is not None
         positions = tuple((x, y, z) for x, y, z in places.tolist())
@@ -100,6 +101,11 @@ class LitRig:
     def close(self) -> None:
         self.state.close()
         self.board.close()
+
+
+@cache
+def _view(size: tuple[int, int], leds: int) -> Rendering:
+    return render(scene_named("coin", width=size[0], height=size[1], leds=leds))
 
 
 @dataclass

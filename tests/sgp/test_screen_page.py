@@ -253,6 +253,7 @@ def test_each_control_has_the_focus_once(page: Page) -> None:
     assert found.count("INPUT") == 5
 
 
+@pytest.mark.slow
 def test_recordings_have_their_own_pictures(page: Page) -> None:
     for name in ("first", "second"):
         page.record(name)
@@ -267,6 +268,7 @@ def test_recordings_have_their_own_pictures(page: Page) -> None:
     assert "second" in page.browser.value("document.querySelector('img.look').src")
 
 
+@pytest.mark.slow
 def test_the_plan_is_edited_and_metered(page: Page) -> None:
     page.click("document.querySelector('#plan textarea')")
     page.browser.value("document.querySelector('#plan textarea').select()")
@@ -303,6 +305,7 @@ def test_a_question_is_answered_by_the_keyboard(page: Page) -> None:
     assert page.browser.value("document.querySelector('#question').hidden")
 
 
+@pytest.mark.slow
 def test_another_page_only_watches_until_the_first_is_closed(page: Page) -> None:
     page.browser.call("Page.navigate", url="about:blank")
     time.sleep(0.2)
@@ -403,7 +406,12 @@ def test_fingers_zoom_the_picture_and_choose_an_led(page: Page) -> None:
             [(x - 20, y), (x - 60, y), (x - 100, y)], [(x + 20, y), (x + 60, y), (x + 100, y)]
         )
         page.browser.until(f"{zoom} > {2 * before}")
-        page.browser.touch([page.centre(led(4))])
-        page.shows("#caption", "LED 4,")
+
+        def chosen() -> bool:
+            page.browser.touch([page.centre(led(4))])
+            time.sleep(0.3)
+            return "LED 4," in page.text("#caption")
+
+        until(chosen)
     finally:
         page.browser.call("Emulation.setTouchEmulationEnabled", enabled=False)

@@ -99,6 +99,7 @@ def test_ctrl_c_without_a_task_is_the_usual_end(file: Path, tmp_path: Path) -> N
         assert program.end() == (0, CLOSED, "")
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_a_recording_which_is_resumed(file: Path, tmp_path: Path) -> None:
     plan = tmp_path / "plan.toml"
     plan.write_text('leds = "0-5"\nexposures_us = [5000]\nrepeats = 900\n')
@@ -118,11 +119,13 @@ def test_ctrl_c_ends_a_recording_which_is_resumed(file: Path, tmp_path: Path) ->
     assert session.events[-1].event == "interrupted"
 
 
+@pytest.mark.slow
 def test_sigterm_ends_it(file: Path, tmp_path: Path) -> None:
     with Program("--rig", file, cwd=tmp_path) as program:
         assert program.end(signal.SIGTERM) == (143, "", "error: stopped by SIGTERM\n")
 
 
+@pytest.mark.slow
 def test_a_rig_that_does_not_open_is_said_on_the_page_and_the_terminal(tmp_path: Path) -> None:
     file = tmp_path / "rig.toml"
     file.write_text(NO_CAMERA)
@@ -414,6 +417,7 @@ def test_keys_change_led_and_exposure(terminal: Callable[[Path], Terminal], file
     assert "Traceback" not in text
 
 
+@pytest.mark.slow
 def test_after_ctrl_c_the_terminal_is_as_before(
     terminal: Callable[[Path], Terminal], file: Path
 ) -> None:
@@ -425,6 +429,7 @@ def test_after_ctrl_c_the_terminal_is_as_before(
     assert CLOSED.strip() in text
 
 
+@pytest.mark.slow
 def test_after_an_error_the_terminal_is_as_before(
     terminal: Callable[[Path], Terminal], tmp_path: Path
 ) -> None:
@@ -438,6 +443,7 @@ def test_after_an_error_the_terminal_is_as_before(
     assert "Traceback" not in text
 
 
+@pytest.mark.slow
 def test_an_error_of_the_display_ends_the_program_with_a_line(
     terminal: Callable[[Path], Terminal],
     file: Path,
