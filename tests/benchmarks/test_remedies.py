@@ -14,7 +14,7 @@ from tests.cases import cases
 
 pytestmark = pytest.mark.slow
 
-SIZE = (240, 192)
+SIZE = (180, 144)
 SEED = 77
 LENS = {"kind": "perspective", "width": 480, "height": 384, "sharp": False}
 PAINT = {"kind": "paint", "low": 0.3, "high": 0.7, "wavelength_mm": 40}
