@@ -151,7 +151,7 @@ def test_an_import_records_the_curve_and_keeps_the_samples(tmp_path: Path, curve
     assert session.transfer == curve
     np.testing.assert_array_equal(session.frames[0].read(), GREY)
     recorded = tomllib.loads((tmp_path / "out/session.toml").read_text(encoding="utf-8"))
-    assert recorded["format_version"] == 5
+    assert recorded["format_version"] == 6
     assert recorded["transfer"] == curve.record()
     assert verify_session(tmp_path / "out").ok
     again = read_source(tmp_path / "out")

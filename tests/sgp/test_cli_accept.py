@@ -30,9 +30,9 @@ realtime = false
 """
 
 
-def rig_file(folder: Path, scene: str | Path = "coin") -> Path:
+def rig_file(folder: Path, scene: str | Path = "coin", *, more: str = "") -> Path:
     path = folder / "rig.toml"
-    path.write_text(RIG.format(scene=scene), encoding="utf-8")
+    path.write_text(RIG.format(scene=scene) + more, encoding="utf-8")
     return path
 
 
