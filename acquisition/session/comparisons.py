@@ -32,6 +32,8 @@ _SURELY: Final = 3.0
 _ALIKE: Final = 0.2
 # A change is sudden if at least this share of it came after the repeat before.
 _SUDDEN: Final = 0.5
+# A change is named again when it has grown by this share.
+_GROWN: Final = 0.5
 
 # Findings after which more frames would not fit those that were recorded before.
 USELESS: Final = frozenset({"frame-shifted", "light-lost", "light-turned", "object-changed"})
@@ -160,12 +162,12 @@ def findings(details: Numbers, earlier: Sequence[Numbers] = ()) -> list[Notice]:
             found.append(Notice("frame-shifted", text, where))
         elif not uneven:  # another direction of the light moves the shading by less
             found.append(Notice("frame-drifted", text, where))
-    if uneven and {"gain_spread", "other"} & changes.keys():
+    if uneven and "gain_spread" in changes:
         spread, sure = details["gain_spread"], details["gain_spread_sigma"]
-        when = since.get("gain_spread", since.get("other"))
         text = (
             f"the light changed by {gain - 1:+.1%}, and unevenly by {spread:.1%} +- {sure:.1%}, "
-            f"{when}: its LED or the object turned; put it back, or record again"
+            f"{since['gain_spread']}: its LED moved or the object turned; put it back, or record "
+            "again"
         )
         if same:
             found.append(Notice("light-changed", text, where))
@@ -176,16 +178,16 @@ def findings(details: Numbers, earlier: Sequence[Numbers] = ()) -> list[Notice]:
         text = (
             f"{details['other_fraction']:.0%} of the image does not fit {light} (columns {left} to "
             f"{end - 1}, rows {top} to {bottom - 1}){_when('other', details, earlier)}: another "
-            "object, or a part of it moved; put it back, or record again"
+            "object, or a part of it or the LED moved; put it back, or record again"
         )
         found.append(Notice("object-changed", text, where))
     if "gain" in changes and not uneven:
         text = (
             f"the light changed by {gain - 1:+.1%} +- {sigma:.1%} {since['gain']}: let the LEDs "
-            "warm up, and check their power supply and the room light"
+            "warm up, and check the LED, the power supply and the room light"
         )
         found.append(Notice("light-changed", text, where))
-    if "focus" in changes:
+    if "focus" in changes and not uneven:
         focus, sigma = details["focus"], details["focus_sigma"] or 0.0
         text = (
             f"the finest structure has {focus:.0%} +- {sigma:.0%} of its contrast "
@@ -215,23 +217,27 @@ def _value(kind: str, details: Numbers) -> tuple[complex | None, float]:
     return (value if value is None or kind == "gain_spread" else value - 1), sigma
 
 
-def _exceeds(kind: str, change: complex, sigma: float) -> bool:
-    return abs(change) > max(_NAMED[kind], _SURELY * sigma)
+def _exceeds(kind: str, value: complex, sigma: float) -> bool:
+    return abs(value) > max(_NAMED[kind], _SURELY * sigma)
 
 
-def _changes(details: Numbers, earlier: Sequence[Numbers]) -> dict[str, complex]:
-    """Return the changes to name since the light, or since they were named for the last time."""
-    new: dict[str, complex] = {}
-    for kind in _NAMED:
+def _changes(details: Numbers, earlier: Sequence[Numbers]) -> set[str]:
+    """Return the quantities whose deviation is new, or has grown by half since it was named."""
+    new = set[str]()
+    for kind, least in _NAMED.items():
         named: complex = 0
         for one in (*earlier, details):
             value, sigma = _value(kind, one)
-            new.pop(kind, None)
+            new.discard(kind)
             if value is None:
                 continue
-            far = kind == "shift" and abs(named) <= _MOVED_PX < abs(value)
-            if _exceeds(kind, value - named, sigma) or (far and _exceeds(kind, value, sigma)):
-                new[kind], named = value - named, value
+            useless = kind == "shift" and abs(named) <= _MOVED_PX < abs(value)
+            grown = abs(value - named) > max(least, abs(named) * _GROWN)
+            if _exceeds(kind, value, sigma) and (grown or useless):
+                new.add(kind)
+                named = value
+            elif abs(value) < least / 2:  # back in place
+                named = 0
     return new
 
 

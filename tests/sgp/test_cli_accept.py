@@ -141,7 +141,7 @@ def test_a_session_is_not_resumed_with_another_object(sgp, tmp_path):
     assert done.code == 3
     line = done.err.splitlines()[-1]
     assert "of the image does not fit" in line
-    assert "another object, or a part of it moved; put it back, or record again" in line
+    assert "another object, or a part of it or the LED moved; put it back, or record again" in line
     assert line.endswith("; --accept object-changed continues anyway")
     assert (out / "journal.jsonl").read_bytes() == before
     # Another code does not help; the right object does.
