@@ -72,7 +72,7 @@ def preview(
     terminal
         Show focus, clipping and histogram on the terminal instead, and choose LEDs by keys.
     """
-    from sgp.screen import Desk, Light, PlanSheet, Station
+    from sgp.screen import Desk, Light, PlanSheet, Screen, Station
 
     name = chosen_rig(rig)
     config, order = rigs.find_rig_config(name), Order.read(name, rig, stored)
@@ -85,11 +85,11 @@ def preview(
         black_dn=0.0 if order.sensor is None else order.sensor.noise_model().black_level_dn,
         always_attended=terminal,
     )
-    with (
-        _terminal(station, chosen)
-        if terminal
-        else _page(station, desk, order, out, pixel_mm, port, no_open)
-    ):
+    if terminal:
+        view = _terminal(station, chosen)
+    else:
+        view = _page(station, Screen(station, desk, order, out, pixel_mm), port, no_open)
+    with view:
         station.run()
     return Result(summary=["the screen is closed, and all LEDs are off"])
 

@@ -104,7 +104,8 @@ class Screen:
         file = folder / FRAMES / name
         if file not in self._thumbnails and file.parent == folder / FRAMES:
             with suppress(acquisition.DataError, acquisition.MissingPathError):
-                self._thumbnails[file] = _thumbnail(acquisition.read_image(file))
+                pixels = acquisition.read_image(file)
+                self._thumbnails[file] = _thumbnail(pixels, self._station.white_dn)
         return self._thumbnails.get(file)
 
     def _keep(self, picture: UInt8) -> None:
@@ -129,10 +130,10 @@ def _folder_name(name: str) -> str:
     return name
 
 
-def _thumbnail(pixels: AnyArray) -> UInt8:
-    """Return a small picture of a frame, in which few samples are white."""
+def _thumbnail(pixels: AnyArray, white_dn: float) -> UInt8:
+    """Return a small picture of a frame; one that is dim is brightened up to eight times."""
     height, width = pixels.shape[:2]
     size = _THUMBNAIL, max(1, round(_THUMBNAIL * height / width))
     small = cv2.resize(pixels.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    white = max(1.0, float(np.quantile(small, 0.995)))
+    white = max(white_dn / 8, float(np.quantile(small, 0.995)))
     return np.asarray(np.rint(255 * np.clip(small / white, 0, 1) ** (1 / 2.2)), np.uint8)

@@ -325,6 +325,11 @@ class Station:
         return self._live.frame
 
     @property
+    def white_dn(self) -> float:
+        """White level of the latest live frame; the largest 16-bit value before the first."""
+        return 65535.0 if self._live.frame is None else self._live.frame.white_dn
+
+    @property
     def current_light(self) -> Light:
         """What lights the live picture."""
         return self._live.light
