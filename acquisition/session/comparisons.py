@@ -160,7 +160,7 @@ def findings(details: Numbers, earlier: Sequence[Numbers] = ()) -> list[Notice]:
         )
         if distance > _MOVED_PX:
             found.append(Notice("frame-shifted", text, where))
-        elif not uneven:  # another direction of the light moves the shading by less
+        elif not uneven:
             found.append(Notice("frame-drifted", text, where))
     if uneven and "gain_spread" in changes:
         spread, sure = details["gain_spread"], details["gain_spread_sigma"]
@@ -198,10 +198,13 @@ def findings(details: Numbers, earlier: Sequence[Numbers] = ()) -> list[Notice]:
 
 
 def _is_uneven(details: Numbers) -> bool:
-    """Return whether the same object was lit from another direction."""
+    """Return whether the same object in the same place was lit from another direction."""
     value, sigma = _value("gain_spread", details)
-    alike = (details.get("unlike_fraction") or 0.0) < _ALIKE
-    return value is not None and alike and _exceeds("gain_spread", value, sigma)
+    if value is None or not _exceeds("gain_spread", value, sigma):
+        return False
+    # Shading that changes looks like a shift by less.
+    far = abs(_value("shift", details)[0] or 0) > _MOVED_PX
+    return details["unlike_fraction"] < _ALIKE and not far
 
 
 def _value(kind: str, details: Numbers) -> tuple[complex | None, float]:
