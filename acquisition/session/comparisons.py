@@ -25,6 +25,7 @@ _NAMED: Final = {"shift": 0.3, "gain": 0.01, "gain_spread": 0.01, "focus": 0.1, 
 _MOVED_PX: Final = 0.5
 # Less light than this is not the same light.
 _LOST: Final = 0.2
+_USELESS_FROM: Final = {"shift": _MOVED_PX, "gain": 1 - _LOST}
 _SURELY: Final = 3.0
 # An uneven light whose structure differs in less than this share of the image is of the same
 # object: lamps that moved by up to a quarter of their distance change less than 0.09, other objects
@@ -152,7 +153,7 @@ def findings(details: Numbers, earlier: Sequence[Numbers] = ()) -> list[Notice]:
     same, uneven = details["same_object"], _is_uneven(details)
     right, down = details["shift_px"]
     if "shift" in changes:
-        distance, sure = math.hypot(right, down), math.hypot(*details["shift_sigma_px"])
+        distance, sure = math.hypot(right, down), _value("shift", details)[1]
         text = (
             f"the camera or the object moved by {distance:.2f} +- {sure:.2f} px "
             f"({_side(right, 'right', 'left')}, {_side(down, 'down', 'up')}) {since['shift']}: put "
@@ -200,11 +201,12 @@ def findings(details: Numbers, earlier: Sequence[Numbers] = ()) -> list[Notice]:
 def _is_uneven(details: Numbers) -> bool:
     """Return whether the same object in the same place was lit from another direction."""
     value, sigma = _value("gain_spread", details)
-    if value is None or not _exceeds("gain_spread", value, sigma):
+    unlike = details.get("unlike_fraction")
+    if value is None or unlike is None or details["gain"] is None:
         return False
     # Shading that changes looks like a shift by less.
-    far = abs(_value("shift", details)[0] or 0) > _MOVED_PX
-    return details["unlike_fraction"] < _ALIKE and not far
+    here = abs(_value("shift", details)[0] or 0) <= _MOVED_PX
+    return here and unlike < _ALIKE and _exceeds("gain_spread", value, sigma)
 
 
 def _value(kind: str, details: Numbers) -> tuple[complex | None, float]:
@@ -213,7 +215,7 @@ def _value(kind: str, details: Numbers) -> tuple[complex | None, float]:
         right, down = details["shift_px"]
         if None in (right, down):
             return None, 0.0
-        return complex(right, down), math.hypot(*details["shift_sigma_px"])
+        return complex(right, down), math.hypot(*(px or 0.0 for px in details["shift_sigma_px"]))
     if kind == "other":
         return details["other_fraction"], 0.0
     value, sigma = details.get(kind), details.get(f"{kind}_sigma") or 0.0
@@ -234,7 +236,7 @@ def _changes(details: Numbers, earlier: Sequence[Numbers]) -> set[str]:
             new.discard(kind)
             if value is None:
                 continue
-            useless = kind == "shift" and abs(named) <= _MOVED_PX < abs(value)
+            useless = abs(named) <= _USELESS_FROM.get(kind, math.inf) < abs(value)
             grown = abs(value - named) > max(least, abs(named) * _GROWN)
             if _exceeds(kind, value, sigma) and (grown or useless):
                 new.add(kind)

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -247,6 +248,7 @@ class View:
     def __init__(self, name: str) -> None:
         self.right_px = 0
         self.gain = 1.0
+        self.blur_px = 0.0
         self.rendering = rendered(name)
         self.change: Callable[[View, int], None] = lambda view, number: None
         self.lit = 0
@@ -258,6 +260,8 @@ class View:
         plane = np.asarray(self.rendering.plane(led))
         left = _EDGE - self.right_px
         crop = plane[_EDGE:-_EDGE, left : left + SIZE[1]]
+        if self.blur_px:
+            crop = np.asarray(cv2.GaussianBlur(crop, (0, 0), self.blur_px), np.float32)
         return np.ascontiguousarray(np.float32(self.gain) * crop)
 
     def rig(self, seed: int, lamps: Lamps, shake_px: float = 0.0, trigger: Any = "software") -> Rig:
@@ -297,11 +301,16 @@ def dimmed(view: View) -> None:
     view.gain = 0.985
 
 
+def blurred(view: View) -> None:
+    view.blur_px = 0.7
+
+
 DISTURBED = {
     "1 px": (shifted(1), "frame-shifted", "moved by 1.00 +- 0.01 px (1.00 right, 0.00"),
     "3 px": (shifted(3), "frame-shifted", "moved by 3.00 +- 0.01 px (3.00 right, 0.00"),
     "a bumped lamp": (bumped(10), "light-changed", "its LED moved or the object turned"),
     "a lamp bumped hard": (bumped(60), "light-turned", "its LED moved or the object turned"),
+    "out of focus": (blurred, "focus-changed", "of its contrast since L00_E0.tif"),
     "a dimmed light": (dimmed, "light-changed", "the light changed by -1.5% +- 0.0%"),
 }
 

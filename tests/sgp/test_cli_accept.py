@@ -108,13 +108,16 @@ def test_other_warnings_stop_nothing_and_are_printed_once(sgp, tmp_path):
 def test_the_plan_states_the_repeat(sgp, tmp_path):
     words = ("--rig", rig_file(tmp_path), "--json")
     counts, seconds = {}, {}
-    for name, more in {"with": "", "without": "repeat = false\n"}.items():
+    plans = {"with": "", "without": "repeat = false\n", "more": "repeat_every = 2\n"}
+    for name, more in plans.items():
         figures = sgp("capture", "plan", plan_file(tmp_path, 8000.0, more), *words).figures()
         counts[name], seconds[name] = figures["counts"], figures["seconds"]
         assert len(figures["shots"]) == sum(figures["counts"].values())
     assert counts["with"] == {"light": 6, "dark": 1, "ambient": 0, "repeat": 1, "flat": 0}
     assert counts["without"]["repeat"] == 0
+    assert counts["more"]["repeat"] == 3
     assert seconds["with"] - seconds["without"] == pytest.approx(0.008 + 0.072)
+    assert seconds["more"] - seconds["with"] == pytest.approx(2 * (0.008 + 0.072))
 
 
 OBJECT = """
