@@ -25,12 +25,13 @@ from acquisition import (
     verify_session,
 )
 from acquisition.plan import estimate_plan
+from acquisition.session import FrameLine
 from rig import Notice, Rig, RigConfig
 from rig.arrays import Float32
 from simulator import Rendering, render, scene_named, simulated_rig
 from simulator.camera import ImageFormation
 from simulator.scene import Lamps
-from tests.acquisition.fake_bench import LABELS, cut, rig_on
+from tests.acquisition.fake_bench import LABELS, cut, flip, rig_on
 from tests.acquisition.interruptions import make_older
 from tests.acquisition.test_repeat import Scene, compared, covered, relief, swapped
 from tests.cases import cases
@@ -205,6 +206,31 @@ def test_a_gradual_change_is_named_whenever_it_has_grown_enough(
     assert codes == ["frame-drifted", *["frame-shifted"] * 3]
     assert all("since L03_E0.tif, gradually: put it back" in one.text for one in session.warnings)
     assert asked == [*session.warnings][: len(asked)]
+
+
+def test_a_light_that_is_damaged_meanwhile_ends_the_recording(stand: Rig, tmp_path: Path) -> None:
+    def damage(line: FrameLine) -> None:
+        if line.file == "frames/L00_E0.tif":
+            flip(tmp_path / "s" / "frames" / "L03_E0.tif")
+
+    with pytest.raises(DataError, match=r"L03_E0\.tif: its pixels differ from those recorded"):
+        record(stand, PLAN, tmp_path / "s", LABELS, hooks=RecordingHooks(on_frame=damage))
+    assert not Session.open(tmp_path / "s").complete
+    assert resume(stand, tmp_path / "s", retake_damaged=True).complete
+
+
+def test_a_rejected_repeat_is_taken_again_at_once(stand: Rig, scene: Scene, tmp_path: Path) -> None:
+    """Frame 5, the first repeat, is clipped: it is taken again before the last one."""
+    scene.change = lambda number: setattr(scene, "object", relief() * (9 if number == 5 else 1))
+    plan = PLAN.changed(retakes=1, max_clipped_fraction=0.1, repeats=20)
+    session = record(stand, plan, tmp_path / "s", LABELS)
+    assert (session.complete, session.warnings) == (True, ())
+    (rejected,) = (frame for frame in session.recorded if frame.line.status == "rejected")
+    assert rejected.path.name == "R_L03_E0.tif"
+    (again,) = (one for one in session.frames if one.line.key == rejected.line.key)
+    assert again.path.name == f"R_L03_E0_R{len(plan.lights_before_repeats)}.tif"
+    assert again.line.seq < session.frames[-1].line.seq - 100
+    assert len(compared(session)) == len(plan.lights_before_repeats)
 
 
 @pytest.mark.parametrize("at", range(4, 12))
