@@ -282,9 +282,12 @@ def earlier_repeats(details: Numbers, comparisons: Iterable[Numbers]) -> list[Nu
     number = details.get("lights_before")
     if number is None:
         return []
-    alike = (one for one in comparisons if one["light"] == details["light"])
-    known = [one for one in alike if (one.get("lights_before") or number) < number]
-    return sorted(known, key=lambda one: one["lights_before"])
+    known = {
+        one.get("lights_before") or number: one
+        for one in comparisons
+        if one["light"] == details["light"]
+    }
+    return [known[before] for before in sorted(known) if before < number]
 
 
 def compared_repeats(session: RecordedFrames, only: str | None = None) -> Iterator[dict[str, Any]]:
