@@ -78,6 +78,7 @@ def test_shots_are_taken_and_put_back() -> None:
     assert list(agenda.take()) == [shots[0]]
     assert list(agenda.take(lambda shot: shot.led == 0)) == [shots[1]]
     agenda.put_back(deque(shots[:2]))
+    assert agenda.lights_left
     assert list(agenda.take(lambda shot: shot.led == 0)) == list(shots[:2])
     assert list(agenda.take(lambda shot: True)) == [shots[2]]
-    assert len(agenda) == 0
+    assert (len(agenda), agenda.lights_left) == (0, False)
