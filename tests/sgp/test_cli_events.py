@@ -23,7 +23,7 @@ def documented() -> dict[str, list[str]]:
     """Return the keys of each event that the document lists."""
     text = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
     table = text.partition("## Events of a recording")[2].partition("\n## ")[0]
-    rows = re.findall(r"^\| (`.*?) \| (.*) \|$", table, re.MULTILINE)
+    rows = re.findall(r"^- (`.*?): (.*)$", table, re.MULTILINE)
     return {
         event: re.findall(r"`(\w+)`", keys)
         for events, keys in rows
@@ -103,7 +103,8 @@ def test_a_question_is_stated_and_answered_by_accept(sgp, tmp_path):
 
 @pytest.mark.usefixtures("simulated_world")
 def test_a_failure_and_the_resume_after_it(sgp, tmp_path):
-    rig = rig_file(tmp_path, more="lamps = {dead = [4]}\n")
+    rig = rig_file(tmp_path)
+    rig.write_text(rig.read_text() + "lamps = {dead = [4]}\n")
     words = ("--rig", rig, "--plan", plan_file(tmp_path, 8000.0), "--skip-check", "--events")
     answer = sgp("capture", "run", tmp_path / "s", *words)
     assert answer.code == 3
