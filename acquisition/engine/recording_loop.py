@@ -448,7 +448,7 @@ class Recording:
 
 
 def _end_if_stopped(stop: StopRequest, error: RigError) -> None:
-    """End the recording if whoever stopped it also turned the LED of the shot off."""
+    """End the recording if a stop, which may turn the LED off at once, spoiled the shot."""
     if stop.asked:
         raise StoppedError(stop, "during a shot") from error
 

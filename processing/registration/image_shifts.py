@@ -135,7 +135,7 @@ def find_image_shifts(
     first = max(1, math.ceil(math.sqrt(area) / _BLOCKS))
     blocks = [_reduced(image, first) for image in images]
     inside = _reduced(mask.astype(np.float32), first) > 0.999
-    # The outline moves with the object: it tells the periods of a pattern apart.
+    # The outline moves with the object, and distinguishes the periods of a pattern.
     outline = np.asarray(
         cv2.dilate(inside.astype(np.float32), np.ones((3, 3)), iterations=_OUTLINE), np.float32
     )

@@ -15,6 +15,7 @@ from acquisition.values import angle_deg
 from calibration import EstimateError, linear_stack, open_stack
 from calibration.radiance import Shift
 from processing import reconstruct
+from processing.recording import AlignChoice
 from processing.registration import find_image_shifts
 from rig.arrays import Bool, Float32, Float64
 from tests.cases import cases
@@ -32,10 +33,12 @@ LIGHTS = Lights(directions=ring())
 UNIT = LIGHTS.unit_directions
 
 
-def relief(seed: int = 3, *, painted: bool = True) -> tuple[Float32, Float64, Bool]:
+def relief(
+    seed: int = 3, *, painted: bool = True, steep: float = 6.0
+) -> tuple[Float32, Float64, Bool]:
     """Return images of rough ground with paint in a disc, their true normals and the mask."""
     rng = np.random.default_rng(seed)
-    height = cv2.GaussianBlur(rng.normal(size=(SIDE, SIDE)), (0, 0), 2.5) * 6
+    height = cv2.GaussianBlur(rng.normal(size=(SIDE, SIDE)), (0, 0), 2.5) * steep
     slope_y, slope_x = np.gradient(height)
     normals = np.stack([-slope_x, slope_y, np.ones_like(height)], axis=2)
     normals /= np.linalg.norm(normals, axis=2, keepdims=True)
@@ -147,18 +150,21 @@ def test_the_noise_of_a_moved_image_is_as_stated(part: float) -> None:
     assert np.nanvar(made) == pytest.approx(shift.noise, rel=0.03)
 
 
+def written(folder: Path, images: Float32) -> Path:
+    folder.mkdir()
+    for i, image in enumerate(images):
+        write_png(folder / f"g.{i}.png", np.rint(np.clip(image, 0, 1) * 60_000).astype(np.uint16))
+    return folder
+
+
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    images, _, mask = relief()
-    folder = tmp_path / "ground"
-    folder.mkdir()
+    images, _, mask = relief(steep=2.0)
     shifts = np.zeros((COUNT, 2))
     shifts[3:] = (1.6, -0.7)
-    for i, image in enumerate(moved(images, shifts)):
-        deep = np.rint(np.clip(image, 0, 1) * 60_000).astype(np.uint16)
-        write_png(folder / f"g.{i}.png", deep)
     write_mask(tmp_path / "mask.png", mask)
-    return folder
+    written(tmp_path / "still", images)
+    return written(tmp_path / "ground", moved(images, shifts))
 
 
 def test_a_source_with_shifts_is_moved_back_in_memory_and_in_bands(folder: Path) -> None:
@@ -176,25 +182,26 @@ def test_a_source_with_shifts_is_moved_back_in_memory_and_in_bands(folder: Path)
 
 
 def test_a_moved_camera_is_corrected_by_default(folder: Path) -> None:
-    _, normals, _ = relief()
-    source = read_source(folder, lights=LIGHTS, mask_path=folder.parent / "mask.png")
+    _, normals, _ = relief(steep=2.0)
 
-    def error_deg(align: str) -> float:
+    def error_deg(folder: Path, align: AlignChoice, *, expected: bool) -> float:
+        source = read_source(folder, lights=LIGHTS, mask_path=folder.parent / "mask.png")
         made = reconstruct(source, align=align, surface=False)
         codes = [notice.code for notice in made.warnings]
-        assert ("images-aligned" in codes) is (align != "off")
-        return float(angle_deg(made.normals.normals, normals)[made.normals.mask].mean())
+        assert ("images-aligned" in codes) is expected
+        inside = made.normals.mask
+        return float(angle_deg(made.normals.normals, normals)[inside].mean())
 
-    assert error_deg("auto") < 0.5 * error_deg("off")
+    still = error_deg(folder.parent / "still", "auto", expected=False)
+    assert error_deg(folder, "auto", expected=True) < 1.1 * still
+    assert error_deg(folder, "off", expected=False) > 1.5 * still
 
 
-def test_images_that_stand_still_give_the_same_result(tmp_path: Path) -> None:
-    images, _, mask = relief()
-    for i, image in enumerate(images):
-        write_png(tmp_path / f"g.{i}.png", np.rint(np.clip(image, 0, 1) * 60_000).astype(np.uint16))
-    write_mask(tmp_path / "mask.png", mask)
-    source = read_source(tmp_path, lights=LIGHTS, mask_path=tmp_path / "mask.png")
-    one, other = (reconstruct(source, align=align, surface=False) for align in ("off", "auto"))
+def test_images_that_stand_still_give_the_same_result(folder: Path) -> None:
+    mask = folder.parent / "mask.png"
+    source = read_source(folder.parent / "still", lights=LIGHTS, mask_path=mask)
+    choices: tuple[AlignChoice, ...] = ("off", "auto")
+    one, other = (reconstruct(source, align=align, surface=False) for align in choices)
     assert np.array_equal(one.normals.normals, other.normals.normals)
     assert [str(a) for a in one.warnings] == [str(b) for b in other.warnings]
 
