@@ -35,7 +35,7 @@ _STILL: Final = 0.2
 _BIAS_PX: Final = 0.4
 _LEAST_EXPLAINED: Final = 0.45
 # Largest credible shift, as a share of the size of the object: false matches are larger.
-_MOST_SHIFT: Final = 1 / 6
+_MOST_SHIFT: Final = 1 / 4
 # Fewer images or pixels determine no shifts.
 _FEWEST_IMAGES: Final = 5
 _FEWEST_PIXELS: Final = 150
