@@ -26,6 +26,7 @@ from acquisition.session.light_proof import BOARD, RIG, wrong_light
 from acquisition.session.session import Session
 from acquisition.session.writer import CameraReport, SessionWriter
 from rig import (
+    DeviceGoneError,
     FrameLostError,
     FrameTimeoutError,
     Notice,
@@ -47,6 +48,8 @@ THREADS: Final = WRITERS
 # Retakes of a shot whose frame was lost, even if the plan allows fewer: the loss has nothing to do
 # with the object or the light.
 LOST_RETAKES: Final = 3
+# A device that is gone so many times, without a frame in between, is broken.
+_LOSSES_IN_A_ROW: Final = 10
 # Interval between looks at the checks and at Ctrl-C.
 _LOOK_S: Final = 0.2
 
@@ -194,6 +197,7 @@ class Recording:
         self._losses: Counter[ShotKey] = Counter()
         # If no frame ever arrived, the trigger wire may be missing.
         self._delivered = False
+        self._gone_in_a_row = 0
         self._sequenced = plan.sequence and rig.config.trigger == "board"
         self._card_in_place = False
         self._damaged: set[int] = set()
@@ -217,10 +221,13 @@ class Recording:
             self.collect()
             if stop.asked and self._todo:
                 raise StoppedError("stopped by Ctrl-C after a shot")
-            if self._queue.full:
-                self._pause()
-            elif self._todo:
-                self._take(stop)
+            try:
+                if self._queue.full:
+                    self._pause()
+                elif self._todo:
+                    self._take(stop)
+            except DeviceGoneError as error:
+                self._reconnect(error, stop)
 
     def wait_for_checks(self, stop: StopRequest) -> None:
         """Wait until idle writers have read back all frames of earlier processes.
@@ -346,15 +353,17 @@ class Recording:
         group = self._todo.take(lambda shot: self._may_follow(first, shot))
         leds = [shot.led for shot in group]
         shots = self._rig.sequence(leds, _exposure_us(first), self._plan.gain_db)
-        with closing(cast(Generator[Shot, None, None], shots)) as sequence:
-            while (shot := self._next(sequence, group)) is not None:
-                if not self._is_of(group[0], shot):
-                    break
-                counts = self._keep(group.popleft(), shot)
-                self.collect()
-                if group and (stop.asked or self._queue.full or not counts):
-                    break
-        self._todo.put_back(group)
+        try:
+            with closing(cast(Generator[Shot, None, None], shots)) as sequence:
+                while (shot := self._next(sequence, group)) is not None:
+                    if not self._is_of(group[0], shot):
+                        break
+                    counts = self._keep(group.popleft(), shot)
+                    self.collect()
+                    if group and (stop.asked or self._queue.full or not counts):
+                        break
+        finally:
+            self._todo.put_back(group)
 
     def _may_follow(self, first: PlannedShot, shot: PlannedShot) -> bool:
         """Return whether a shot may be in the same sequence as the first one."""
@@ -387,6 +396,7 @@ class Recording:
     def _keep(self, planned: PlannedShot, shot: Shot) -> bool:
         """Queue a frame for writing; return False if it is already known to be rejected."""
         self._delivered = True
+        self._gone_in_a_row = 0
         quality, counts = None, True
         if planned.led is None:
             # Measured now, because later frames are compared with it.
@@ -405,8 +415,26 @@ class Recording:
         self._queue.wait_for_room()
         self.event("resumed", seconds=round(clock.monotonic() - began_s, 3))
 
+    def _reconnect(self, error: DeviceGoneError, stop: StopRequest) -> None:
+        """Wait until a device that is gone is back; its shot is then taken again."""
+        self._gone_in_a_row += 1
+        if not self._rig.config.reconnect_s or self._gone_in_a_row > _LOSSES_IN_A_ROW:
+            raise error
+        self.event("device_lost", device=error.device, reason=str(error))
+        began_s = clock.monotonic()
+
+        def end_if_asked() -> None:
+            if stop.asked:
+                raise StoppedError(f"stopped by Ctrl-C while the {error.device} was gone")
+
+        self._rig.recover(error, end_if_asked)
+        seconds = round(clock.monotonic() - began_s, 3)
+        self.event("device_returned", device=error.device, seconds=seconds)
+
     def _failed(self, shot: PlannedShot, error: RigError | DataError) -> None:
         """Note that a shot must be taken again, or raise the error after too many failures."""
+        if isinstance(error, DeviceGoneError):
+            raise error
         counts, most = self._failures, self._plan.retakes
         if isinstance(error, FrameLostError):
             self.event("frames_lost", file=shot.file, led=shot.led, **error.counts)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -86,7 +87,9 @@ def open_bench(config: RigConfig) -> Rig:
         # Before the camera: an earlier program may have left an LED on, and cameras open slowly.
         board.off()
         camera = _camera(options.cti, options)
-    return Rig(board, camera, config)
+    # A camera is chosen by model, or as the only one, just once.
+    same = options.model_copy(update={"camera": camera.info.serial or options.camera})
+    return Rig(board, camera, config, open_camera=partial(_camera, options.cti, same))
 
 
 def open_bench_board(config: RigConfig) -> OpenBoard:
