@@ -30,6 +30,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 _CONSOLE = cast("Console", PlainConsole())
 _PARAMETERS = Group("Parameters")
 
+# Options that choose what a command prints to stdout; the first of those given counts.
+_FORMS = ("json", "events")
 # Added to a signal's number, this is the exit code of a program that the signal ended.
 _SIGNALLED = 128
 _COMMANDS = Path(__file__).with_name("commands")
@@ -58,6 +60,7 @@ _GROUPS: dict[str, dict[str, tuple[str, ...]]] = {
         "capture": ("run", "resume"),
         "capture_info": ("verify", "info"),
         "capture_plan": ("plan", "check"),
+        "capture_preview": ("preview",),
         "capture_files": ("compact", "export", "import_"),
     },
     "rig": {"rig": ("list_", "check", "light", "off", "snap", "selftest")},
@@ -213,7 +216,7 @@ def _take_common_options(app: App) -> None:
         *tokens: Annotated[str, Parameter(show=False, allow_leading_hyphen=True)],
         json: bool = False,
         debug: bool = False,
-    ) -> tuple[Any, bool]:
+    ) -> Any:
         """Run a command.
 
         Parameters
@@ -227,15 +230,18 @@ def _take_common_options(app: App) -> None:
         if getattr(command, "__module__", "").startswith("sgp.commands."):
             from sgp.cli.console import forget_reports
             from sgp.cli.entry import begin_work
+            from sgp.cli.exit import UsageError
             from sgp.cli.options import require_inputs
             from sgp.results import own_files_named
 
             begin_work()
             forget_reports()
+            if json and bound.arguments.get("events"):
+                raise UsageError("--events prints lines and --json one object: give one of them")
             require_inputs(command, bound.arguments)
             with own_files_named():
-                return command(*bound.args, **bound.kwargs), json
-        return command(*bound.args, **bound.kwargs), json
+                return command(*bound.args, **bound.kwargs)
+        return command(*bound.args, **bound.kwargs)
 
 
 def run(app: App, tokens: list[str]) -> int:
@@ -245,13 +251,14 @@ def run(app: App, tokens: list[str]) -> int:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     app.meta.suppress_keyboard_interrupt = False
-    fail = functools.partial(_fail, as_json="--json" in tokens, debug="--debug" in tokens)
+    form = next((form for form in _FORMS if f"--{form}" in tokens), "text")
+    fail = functools.partial(_fail, form=form, debug="--debug" in tokens)
     try:
         _refuse_unknown_command(app, _words(tokens))
         outcome = app.meta(
             tokens, exit_on_error=False, print_error=False, result_action="return_value"
         )
-        code = _show(*outcome) if isinstance(outcome, tuple) else 0
+        code = _show(outcome, form)
         if sys.stdout is not None:  # None if it was closed before the start
             sys.stdout.flush()
         return code
@@ -284,24 +291,30 @@ def _refuse_unknown_command(app: App, words: list[str]) -> None:
         raise UnknownCommandError(app=apps[-1], command_chain=chain, unused_tokens=unused)
 
 
-def _show(result: Any, as_json: bool) -> int:
+def _show(result: Any, form: str) -> int:
     from sgp.cli.console import report
     from sgp.results import Result
 
     if not isinstance(result, Result):
         return 0
-    if as_json:
+    code = 0 if result.ok else result.failing_code
+    if form == "json":
         print(result.to_json())
-    else:
-        # Warnings are printed first, so that the last line on the terminal is the result.
-        for warning in result.warnings:
-            report(warning)
-        for line in (*result.summary, *result.conclusion):
-            print(coloured(fitted(printable(line), sys.stdout), sys.stdout))
-    return 0 if result.ok else result.failing_code
+        return code
+    # Warnings are printed first, so that the last line on the terminal is the result.
+    for warning in result.warnings:
+        report(warning)
+    if form == "events":
+        from sgp.sessions import write_finished
+
+        write_finished(result, code)
+        return code
+    for line in (*result.summary, *result.conclusion):
+        print(coloured(fitted(printable(line), sys.stdout), sys.stdout))
+    return code
 
 
-def _fail(error: BaseException, code: int, text: str, *, as_json: bool, debug: bool) -> int:
+def _fail(error: BaseException, code: int, text: str, *, form: str, debug: bool) -> int:
     # Callers add notes to an error, for example LEDs that are not confirmed off.
     finding = getattr(error, "finding", None)
     accept = [] if finding is None else [f"--accept {finding.code} continues anyway"]
@@ -311,12 +324,16 @@ def _fail(error: BaseException, code: int, text: str, *, as_json: bool, debug: b
         import traceback
 
         print(printable_lines(traceback.format_exc()), file=STDERR, end="")
-    if as_json:
+    findings = getattr(error, "findings", None)
+    listed = {} if findings is None else {"findings": findings}
+    if form == "json":
         from sgp.results import dumps
 
-        findings = getattr(error, "findings", None)
-        listed = {} if findings is None else {"findings": findings}
         print(dumps({"ok": False, "error": line, "exit_code": code, **listed}))
+    elif form == "events":
+        from sgp.sessions import write_event
+
+        write_event("failed", error=line, exit_code=code, **listed)
     # One write: a signal must not separate the line from its end.
     STDERR.write(coloured(fitted(f"error: {line}", STDERR), STDERR) + "\n")
     return code

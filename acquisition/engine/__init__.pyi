@@ -4,3 +4,4 @@ from .engine import record as record
 from .engine import rehearse as rehearse
 from .engine import resume as resume
 from .recording_loop import RecordingHooks as RecordingHooks
+from .stop_request import StopRequest as StopRequest

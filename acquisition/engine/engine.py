@@ -20,6 +20,7 @@ from acquisition.engine.rig_records import (
     check_same,
     rig_record,
 )
+from acquisition.engine.stop_request import StopRequest
 from acquisition.plan.plan import CapturePlan
 from acquisition.plan.planned_shot import PlannedShot
 from acquisition.session.event_details import check_event
@@ -42,6 +43,7 @@ def record(
     hooks: RecordingHooks = RecordingHooks(),
     events: Sequence[tuple[str, Mapping[str, Any]]] = (),
     stall_s: float = STALL_S,
+    stop: StopRequest | None = None,
 ) -> Session:
     """Record one object: take every shot of the plan and store it while the next is taken.
 
@@ -63,6 +65,8 @@ def record(
         Earlier events, for instance metering; they are written first.
     stall_s
         Longest time without a finished write before the disk counts as stuck, seconds.
+    stop
+        Through which another thread may end the recording after a shot, as Ctrl-C does.
 
     Returns
     -------
@@ -80,8 +84,8 @@ def record(
     RigError
         If board or camera fail, or an LED gives no light, more often than the plan's ``retakes``.
     KeyboardInterrupt
-        After Ctrl-C. The first Ctrl-C lets the current shot and all writes finish, the second ends
-        the recording immediately.
+        After Ctrl-C or a request of ``stop``. The first Ctrl-C lets the current shot and all writes
+        finish, the second ends the recording immediately.
 
     Notes
     -----
@@ -114,7 +118,16 @@ def record(
     if left_out:
         events = [*events, (LEFT_OUT, {"leds": list(left_out), "reason": "listed as dead"})]
     with SessionWriter.create(folder, manifest) as writer:
-        carry_out(rig, writer, plan, hooks, events, References(manifest.camera), stall_s)
+        carry_out(
+            rig,
+            writer,
+            plan,
+            hooks,
+            events,
+            References(manifest.camera),
+            stall_s,
+            stop or StopRequest(),
+        )
     return Session.open(folder)
 
 
@@ -127,6 +140,7 @@ def resume(
     retake_damaged: bool = False,
     hooks: RecordingHooks = RecordingHooks(),
     stall_s: float = STALL_S,
+    stop: StopRequest | None = None,
 ) -> Session:
     """Take the missing shots of a session, and no others.
 
@@ -150,7 +164,7 @@ def resume(
         Read all frames back first, set damaged and lost ones aside (their files are kept in
         ``derived/set_aside/``), and take their shots again; each is recorded as an event. The
         object must not have moved. A complete session with such a frame is resumed, too.
-    hooks, events, stall_s
+    hooks, events, stall_s, stop
         As for `record`.
 
     Returns
@@ -208,7 +222,7 @@ def resume(
             details = {"leds": died, "reason": "listed as dead"}
             writer.write_event(LEFT_OUT, **details)
             hooks.on_event(LEFT_OUT, details)
-        carry_out(rig, writer, recorded, hooks, events, references, stall_s)
+        carry_out(rig, writer, recorded, hooks, events, references, stall_s, stop or StopRequest())
     return Session.open(folder)
 
 

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import signal
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, fields
 from functools import partial
-from types import FrameType
-from typing import Any, Final, Self, cast
+from typing import Any, Final, cast
 
 from acquisition._errors import DataError
 from acquisition.engine.rejection import References, SeenLight, quality_of, rejection
 from acquisition.engine.shot_order import Agenda
+from acquisition.engine.stop_request import StoppedError, StopRequest
 from acquisition.engine.write_queue import Turn, WriteQueue
 from acquisition.pixels.frame_quality import FrameQuality, above_dark
 from acquisition.plan.plan import CapturePlan
@@ -36,7 +35,7 @@ from rig import (
     Shot,
     no_progress,
 )
-from rig.host import clock, program, threads
+from rig.host import clock
 
 OnFrame = Callable[[FrameLine], None]
 OnEvent = Callable[[str, Mapping[str, Any]], None]
@@ -98,46 +97,6 @@ class RecordingHooks:
     on_damage: Callable[[str], None] = _nothing
     accept: OnDoubt = _refuse
     before_flats: Callable[[], None] = _nothing
-
-
-class StopRequest:
-    """Handles SIGINT inside its ``with`` block, on the main thread, unless SIGINT is ignored.
-
-    Parameters
-    ----------
-    on_stop
-        Called at the first Ctrl-C inside the signal handler, so it must be brief and safe there.
-    """
-
-    def __init__(self, on_stop: Callable[[], None]) -> None:
-        self.asked = False
-        self._on_stop = on_stop
-        self._before: Any = None
-
-    def __enter__(self) -> Self:
-        if threads.is_main():
-            before = program.handler_of(signal.SIGINT)
-            if callable(before):
-                self._before = before
-                program.handle(signal.SIGINT, self._handle)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._before is not None:
-            program.handle(signal.SIGINT, self._before)
-            self._before = None
-
-    def _handle(self, number: int, frame: FrameType | None) -> None:
-        if self.asked:
-            self._before(number, frame)
-            # The previous handler may return; the recording ends in any case.
-            raise KeyboardInterrupt
-        self.asked = True
-        self._on_stop()
-
-
-class StoppedError(KeyboardInterrupt):
-    """Ctrl-C was pressed once: the last shot is complete, and pending writes may finish."""
 
 
 @dataclass(frozen=True)
@@ -220,7 +179,7 @@ class Recording:
                 self._queue.drain()
             self.collect()
             if stop.asked and self._todo:
-                raise StoppedError("stopped by Ctrl-C after a shot")
+                raise StoppedError(stop, "after a shot")
             try:
                 if self._queue.full:
                     self._pause()
@@ -245,7 +204,7 @@ class Recording:
             self._report_damage()
             self._hooks.on_progress(CHECKING, *self._writer.proofs.checked)
             if stop.asked:
-                raise StoppedError("stopped by Ctrl-C while earlier frames were checked")
+                raise StoppedError(stop, "while earlier frames were checked")
         self._report_damage()
         self._writer.proofs.check_undamaged()
 
@@ -319,7 +278,7 @@ class Recording:
         elif self._sequenced:
             self._take_many(stop)
         else:
-            self._take_one()
+            self._take_one(stop)
 
     @property
     def _has_darks(self) -> bool:
@@ -336,11 +295,12 @@ class Recording:
             return True
         return _exposure_us(shot) >= max(self._plan.exposures_of(shot.led))
 
-    def _take_one(self) -> None:
+    def _take_one(self, stop: StopRequest) -> None:
         planned = self._todo.first
         try:
             shot = self._rig.shoot(planned.led, _exposure_us(planned), self._plan.gain_db)
         except RigError as error:
+            _end_if_stopped(stop, error)
             self._failed(planned, error)
         else:
             if self._is_of(planned, shot):
@@ -355,7 +315,7 @@ class Recording:
         shots = self._rig.sequence(leds, _exposure_us(first), self._plan.gain_db)
         try:
             with closing(cast(Generator[Shot, None, None], shots)) as sequence:
-                while (shot := self._next(sequence, group)) is not None:
+                while (shot := self._next(sequence, group, stop)) is not None:
                     if not self._is_of(group[0], shot):
                         break
                     counts = self._keep(group.popleft(), shot)
@@ -374,10 +334,13 @@ class Recording:
         dark = first.led is None or self._dark_is_known(shot)
         return dark and self._longer_is_known(shot)
 
-    def _next(self, sequence: Iterator[Shot], group: Sequence[PlannedShot]) -> Shot | None:
+    def _next(
+        self, sequence: Iterator[Shot], group: Sequence[PlannedShot], stop: StopRequest
+    ) -> Shot | None:
         try:
             return next(sequence, None)
         except RigError as error:
+            _end_if_stopped(stop, error)
             self._failed(group[0], error)
             return None
 
@@ -425,7 +388,7 @@ class Recording:
 
         def end_if_asked() -> None:
             if stop.asked:
-                raise StoppedError(f"stopped by Ctrl-C while the {error.device} was gone")
+                raise StoppedError(stop, f"while the {error.device} was gone")
 
         self._rig.recover(error, end_if_asked)
         seconds = round(clock.monotonic() - began_s, 3)
@@ -483,6 +446,12 @@ class Recording:
     def _write_event(self, name: str, details: Mapping[str, Any], turn: Turn) -> None:
         turn()
         self._writer.write_event(name, **details)
+
+
+def _end_if_stopped(stop: StopRequest, error: RigError) -> None:
+    """End the recording if whoever stopped it also turned the LED of the shot off."""
+    if stop.asked:
+        raise StoppedError(stop, "during a shot") from error
 
 
 def _exposure_us(shot: PlannedShot) -> float:

@@ -15,11 +15,10 @@ from acquisition.engine.recording_loop import (
     THREADS,
     Recording,
     RecordingHooks,
-    StoppedError,
-    StopRequest,
     Stored,
 )
 from acquisition.engine.rejection import References
+from acquisition.engine.stop_request import StoppedError, StopRequest
 from acquisition.engine.write_queue import WriteQueue
 from acquisition.pixels.quality import measure_quality
 from acquisition.plan.plan import CapturePlan
@@ -40,6 +39,7 @@ def carry_out(
     events: Sequence[tuple[str, Mapping[str, Any]]],
     references: References,
     stall_s: float,
+    stop: StopRequest,
 ) -> None:
     """Take the missing shots of a session and complete it; after an error, leave it resumable.
 
@@ -61,6 +61,8 @@ def carry_out(
         Figures of the frames that were recorded before.
     stall_s
         Longest time without a finished write before the disk counts as stuck.
+    stop
+        Request to end it early.
 
     Raises
     ------
@@ -69,7 +71,7 @@ def carry_out(
     """
     # The first call compiles, which takes seconds; no LED may be on meanwhile.
     measure_quality(np.zeros((1, 1), np.uint16), white_level_dn=1)
-    with StopRequest(hooks.on_stop) as stop:
+    with stop.by_ctrl_c(hooks.on_stop):
         queue: WriteQueue[Stored | None] = WriteQueue(
             writer.folder,
             room=ROOM,

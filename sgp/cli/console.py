@@ -26,6 +26,24 @@ _LINE_EVERY_S = 10.0
 _REPORTED: set[str] = set()
 
 
+class Listener:
+    """Hears what the console shows; this one ignores it."""
+
+    def notice(self, notice: Notice, /) -> None:
+        """Hear a notice, once for each command line."""
+
+    def progress(self, stage: str, done: int, total: int, /) -> None:
+        """Hear a step of the stage that is shown."""
+
+
+_LISTENERS: list[Listener] = []
+
+
+def listen(listener: Listener) -> None:
+    """Add a listener until the end of the command line."""
+    _LISTENERS.append(listener)
+
+
 def note(text: str) -> None:
     """Print one line to stderr."""
     if STDERR.isatty():  # a bar may be on display, above which the console inserts the line
@@ -43,11 +61,14 @@ def report(notice: Notice) -> None:
     if line not in _REPORTED:
         _REPORTED.add(line)
         note(line)
+        for listener in _LISTENERS:
+            listener.notice(notice)
 
 
 def forget_reports() -> None:
-    """Begin a command line, which reports its notices again."""
+    """Begin a command line, which reports its notices again, to no listener yet."""
     _REPORTED.clear()
+    _LISTENERS.clear()
 
 
 @functools.cache
@@ -150,6 +171,8 @@ class Stages:
             self._advance = self._open.enter_context(_progress(stage))
             self._stage = stage
         self._advance(done, total)
+        for listener in _LISTENERS:
+            listener.progress(stage, done, total)
 
 
 def with_progress(function: Callable[P, T]) -> Callable[P, T]:

@@ -25,6 +25,8 @@ from sgp.sessions import (
     Acceptance,
     Accepted,
     CaptureTalk,
+    Events,
+    EventStream,
     MeterOptions,
     Preparation,
     ResumeCommand,
@@ -58,6 +60,7 @@ def run(
     skip_check: bool = False,
     accept: Accepted = (),
     dry_run: bool = False,
+    events: Events = False,
 ) -> Result:
     """Record a session on a rig.
 
@@ -105,10 +108,13 @@ def run(
         terminal the command asks instead.
     dry_run
         Take every shot with all LEDs off and record nothing.
+    events
+        Print one JSON line per event to stdout, and ask nothing.
     """
+    stream = EventStream() if events else None
     rig_name, operator_name = chosen_rig(rig), chosen_operator(operator)
     check_folder(out)
-    goal, accepting = metering.goal(), Acceptance(accept)
+    goal, accepting = metering.goal(), Acceptance(accept, stream)
     given = None if lights is None else given_lights(lights, option=rig)
     measured = _measured_sensor(sensor, rig_name)
     with rigs.open_rig(rig_name) as opened:
@@ -142,7 +148,10 @@ def run(
         prepared.warnings += acquisition.engine.camera_notices(opened, out)
         for warning in prepared.warnings:
             report(warning)
-        with CaptureTalk(ResumeCommand(out, rig_name, skip_check)) as talk:
+        if stream is not None:
+            stream.started(out, rig_name, chosen, chosen.shots())
+        again = ResumeCommand(out, rig_name, skip_check)
+        with CaptureTalk(again, accepting=accepting, stream=stream) as talk:
             session = acquisition.record(
                 opened,
                 chosen,
@@ -168,6 +177,7 @@ def resume(
     skip_check: bool = False,
     accept: Accepted = (),
     dry_run: bool = False,
+    events: Events = False,
 ) -> Result:
     """Take the missing shots of a session.
 
@@ -202,7 +212,10 @@ def resume(
     dry_run
         Check that the session can be resumed, take the missing shots with all LEDs off and record
         nothing.
+    events
+        Print one JSON line per event to stdout, and ask nothing.
     """
+    stream = EventStream() if events else None
     rig_name = chosen_rig(rig)
     asked = None if plan is None else acquisition.read_plan(plan)
     again = ResumeCommand(session, rig_name, skip_check)
@@ -222,7 +235,7 @@ def resume(
             return rehearsed(opened, recorded, missing)
         if begun.lost_lines:
             report(begun.lost_lines)
-        prepared, accepting = Preparation(), Acceptance(accept)
+        prepared, accepting = Preparation(), Acceptance(accept, stream)
         if not skip_check:
             alive, _ = recorded.without(opened.config.dead_leds)
             flight = with_progress(acquisition.preflights.preflight_resume)(
@@ -233,7 +246,9 @@ def resume(
         # An operator who resumes with only flats missing has placed the card; this does not hold
         # for damaged flats.
         only_flats = bool(missing) and all(shot.role == "flat" for shot in missing) and not damaged
-        talking = CaptureTalk(again, card_is_there=only_flats, accepting=accepting)
+        if stream is not None:
+            stream.started(session, rig_name, recorded, missing)
+        talking = CaptureTalk(again, card_is_there=only_flats, accepting=accepting, stream=stream)
         with talking as talk:
             finished = acquisition.resume(
                 opened,

@@ -1,5 +1,9 @@
 from .acceptance import Acceptance as Acceptance
 from .acceptance import Accepted as Accepted
+from .event_stream import Events as Events
+from .event_stream import EventStream as EventStream
+from .event_stream import write_event as write_event
+from .event_stream import write_finished as write_finished
 from .operator_messages import CaptureTalk as CaptureTalk
 from .resume_command import ResumeCommand as ResumeCommand
 from .resume_command import can_be_retaken as can_be_retaken

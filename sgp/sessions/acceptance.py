@@ -11,6 +11,7 @@ from cyclopts import Parameter
 import acquisition
 import rig as rigs
 from sgp.cli.console import note
+from sgp.sessions.event_stream import EventStream
 
 if sys.platform != "win32":
     import termios
@@ -34,15 +35,21 @@ class Acceptance:
     codes
         Codes of the findings that are accepted; the operator is asked about others if the command
         is used on a terminal.
+    stream
+        Receives the questions in place of the operator.
     """
 
-    def __init__(self, codes: Sequence[Code] = ()) -> None:
+    def __init__(self, codes: Sequence[Code] = (), stream: EventStream | None = None) -> None:
         self._codes = codes
+        self._stream = stream
 
     def __call__(self, finding: rigs.Notice) -> bool:
         """Return whether a finding is accepted."""
         if finding.code in self._codes:
             return True
+        if self._stream is not None:
+            self._stream.question(finding)
+            return False
         if not is_attended():
             return False
         forget_keys()

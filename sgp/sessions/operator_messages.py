@@ -15,6 +15,7 @@ from sgp.cli.console import Stages, note
 from sgp.cli.exit import UsageError
 from sgp.cli.terminal import STDERR
 from sgp.sessions.acceptance import Acceptance, forget_keys, is_attended
+from sgp.sessions.event_stream import EventStream
 from sgp.sessions.resume_command import ResumeCommand
 
 _STOPPING = b"\nstopping after this shot; Ctrl-C again stops now\n"
@@ -46,6 +47,8 @@ class CaptureTalk:
         True if only flat frames are missing: the operator who resumes has placed the card.
     accepting
         Answers to findings that make further frames useless; by default the operator's.
+    stream
+        Receives frames and events, too; it asks for no white card then.
     """
 
     def __init__(
@@ -54,10 +57,12 @@ class CaptureTalk:
         *,
         card_is_there: bool = False,
         accepting: Acceptance | None = None,
+        stream: EventStream | None = None,
     ) -> None:
         self._accepting = accepting or Acceptance()
         self._again = again
         self._card_is_there = card_is_there
+        self._stream = stream
         self._stopping = False
         self._damaged = False
         self.on_progress = Stages()
@@ -74,6 +79,7 @@ class CaptureTalk:
     def hooks(self) -> acquisition.RecordingHooks:
         """The callbacks, for a recording."""
         return acquisition.RecordingHooks(
+            on_frame=self.on_frame,
             on_progress=self.on_progress,
             on_event=self.on_event,
             on_stop=self.on_stop,
@@ -82,8 +88,15 @@ class CaptureTalk:
             before_flats=self.before_flats,
         )
 
+    def on_frame(self, line: acquisition.session.FrameLine) -> None:
+        """Pass a frame on to the stream."""
+        if self._stream is not None:
+            self._stream.on_frame(line)
+
     def on_event(self, event: str, details: Mapping[str, Any]) -> None:
         """Report the events that concern the operator."""
+        if self._stream is not None:
+            self._stream.journal(event, details)
         if event in _EVENTS:
             kept = f", kept as {details['kept']}" if details.get("kept") else ""
             note(_EVENTS[event].format_map({**details, "kept": kept}))
@@ -92,6 +105,8 @@ class CaptureTalk:
         """Report damage at once, while the object is still in place for a retake."""
         self._damaged = True
         note(f"damaged: {problem}")
+        if self._stream is not None:
+            self._stream.notice(rigs.Notice("frame-damaged", problem, severity="error"))
 
     def on_stop(self) -> None:
         """Confirm Ctrl-C; this runs in a signal handler and does not use the console."""
@@ -101,7 +116,7 @@ class CaptureTalk:
 
     def before_flats(self) -> None:
         """Ask for the white card to be placed under the camera; Ctrl-C ends the wait."""
-        asked = is_attended()
+        asked = is_attended() and self._stream is None
         if asked:
             forget_keys()
             note(f"{_CARD}, then press Enter")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -11,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from acquisition import RecordingHooks, Session, record
+from acquisition.engine import StopRequest
 from rig import Rig as RealRig
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench, events_of
 
@@ -42,6 +44,38 @@ def test_ctrl_c_once_ends_after_the_shot(rig: RealRig, bench: Bench, tmp_path: P
     assert bench.led is None
     session = Session.open(tmp_path / "s")
     assert len(session.frames) == bench.frames == 6
+    assert [line.event for line in events_of(session)] == ["interrupted"]
+
+
+def test_another_thread_ends_a_recording_after_the_shot(
+    rig: RealRig, bench: Bench, tmp_path: Path
+) -> None:
+    stop = StopRequest()
+    asking = threading.Thread(target=stop.ask, args=("the page",))
+    bench.on_trigger = lambda number: asking.start() or asking.join() if number == 6 else None
+    with pytest.raises(KeyboardInterrupt, match="stopped by the page after a shot"):
+        record(rig, PLAN, tmp_path / "s", LABELS, stop=stop)
+    session = Session.open(tmp_path / "s")
+    assert len(session.frames) == bench.frames == 6
+    assert bench.led is None
+    assert [line.event for line in events_of(session)] == ["interrupted"]
+
+
+def test_a_shot_that_a_stop_spoiled_is_no_failure(
+    rig: RealRig, bench: Bench, tmp_path: Path
+) -> None:
+    stop = StopRequest()
+
+    def darken(number: int) -> None:
+        if number == 6:
+            stop.ask("the page")
+            bench.led = None
+
+    bench.on_trigger = darken
+    with pytest.raises(KeyboardInterrupt, match="stopped by the page during a shot"):
+        record(rig, PLAN, tmp_path / "s", LABELS, stop=stop)
+    session = Session.open(tmp_path / "s")
+    assert len(session.frames) == 5
     assert [line.event for line in events_of(session)] == ["interrupted"]
 
 

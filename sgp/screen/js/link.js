@@ -1,0 +1,24 @@
+// The link to the station: states arrive, actions are sent. The page is one of possibly several.
+
+const PAGE = (sessionStorage.page ??= crypto.randomUUID());
+
+/** Call `changed(state)` for each state, and `lost()` while the station does not answer. */
+export function listen(changed, lost) {
+  const source = new EventSource(`events?page=${PAGE}`);
+  source.onmessage = (event) => changed(JSON.parse(event.data));
+  source.onerror = lost;
+}
+
+/** Ask the station for something; returns an error text, or "" if it was done. */
+export async function ask(action) {
+  try {
+    const answer = await fetch("do", {
+      method: "POST",
+      headers: { "Content-Type": "application/json", "X-Page": PAGE },
+      body: JSON.stringify(action),
+    });
+    return answer.ok ? "" : (await answer.json()).error;
+  } catch {
+    return "the station does not answer: is the program still running?";
+  }
+}

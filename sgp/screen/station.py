@@ -1,0 +1,380 @@
+"""The station: operates a rig for a screen, one task at a time.
+
+`Station.run` owns the rig and the signals, on the main thread (decision 9). All other methods may
+be called from any thread: they change settings or request a task, and return at once.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from typing import Any, Final, Literal
+
+import rig as rigs
+from acquisition.engine import StopRequest
+from acquisition.preview import Composite, LiveFrame, Region
+from sgp.cli.exit import error_text
+from sgp.screen.desk import Desk
+from sgp.screen.tasks import Task
+
+Mode = Literal["one", "cycle", "all"]
+
+# Without a sign of a page for so long, nothing is lit.
+AWAY_S: Final = 10.0
+_REOPEN_S: Final = 1.0
+_IDLE_S: Final = 0.05
+
+
+class BusyError(Exception):
+    """A task is running, or the rig is not open."""
+
+
+@dataclass(frozen=True)
+class Light:
+    """What lights the live picture.
+
+    Parameters
+    ----------
+    mode
+        ``one`` LED; a ``cycle`` through LEDs, one after the other; or ``all``: the mean of a cycle.
+    leds
+        The LEDs; none for a frame with all LEDs off.
+    exposure_us, gain_db
+        Exposure time and gain of each frame.
+    """
+
+    mode: Mode = "one"
+    leds: tuple[int, ...] = (0,)
+    exposure_us: float = 20_000.0
+    gain_db: float = 0.0
+
+
+@dataclass
+class _Live:
+    """The live picture: what is requested, and the latest frame."""
+
+    light: Light
+    region: Region | None = None
+    paused: bool = False
+    number: int = 0
+    turn: int = 0
+    composite: Composite = field(default_factory=Composite)
+    frame: LiveFrame | None = None
+    figures: dict[str, Any] = field(default_factory=dict)
+    taken_s: float = 0.0
+    rate_hz: float = 0.0
+
+
+class Station:
+    """A rig, operated for a screen.
+
+    Parameters
+    ----------
+    open_rig
+        Opens the rig; called again after the rig failed.
+    desk
+        What the tasks share with the screen.
+    light
+        What lights the live picture at first.
+    black_dn
+        Grey value of the camera without light.
+    always_attended
+        True if the operator is always there, as at a terminal.
+    """
+
+    def __init__(
+        self,
+        open_rig: Callable[[], rigs.Rig],
+        desk: Desk,
+        light: Light,
+        *,
+        black_dn: float = 0.0,
+        always_attended: bool = False,
+    ) -> None:
+        self._open_rig = open_rig
+        self.desk = desk
+        self._always_attended = always_attended
+        self._lock = threading.RLock()
+        self._black_dn = black_dn
+        self._live = _Live(light)
+        self._rig: rigs.Rig | None = None
+        self._trouble = "opening the rig"
+        self._task: tuple[str, Task] | None = None
+        self._stop = StopRequest()
+        self._closing = False
+        self._seen_s = time.monotonic()
+        self._changes = 0
+
+    # Called by the thread that owns the rig.
+
+    def run(self) -> None:
+        """Operate the rig until `close` is called; all LEDs are off then.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            After Ctrl-C.
+        """
+        try:
+            while not self._closing:
+                opened = self._opened()
+                if opened is None:
+                    continue
+                try:
+                    with opened:
+                        self._operate(opened)
+                except rigs.RigError as error:
+                    self._report(error_text(error))
+                finally:
+                    with self._lock:
+                        self._rig = None
+        finally:
+            self.close()
+
+    def _opened(self) -> rigs.Rig | None:
+        try:
+            opened = self._open_rig()
+        except rigs.RigError as error:
+            self._report(error_text(error))
+            self._rest(_REOPEN_S)
+            return None
+        with self._lock:
+            self._rig, self._trouble = opened, ""
+            self._live.composite, self._live.turn = Composite(), 0
+            self._changed()
+        return opened
+
+    def _operate(self, rig: rigs.Rig) -> None:
+        while not self._closing:
+            with self._lock:
+                task = self._task
+            if task is not None:
+                self._carry_out(task[1], rig)
+            elif self._attended and not self._live.paused:
+                self._shoot(rig)
+            else:
+                self._rest(_IDLE_S)
+
+    def _carry_out(self, task: Task, rig: rigs.Rig) -> None:
+        """Carry out a task; what fails is shown, and only a failure of the rig is raised."""
+        self.desk.begin(self._stop, lambda: self._attended, self._changed)
+        try:
+            task(rig, self.desk)
+            self.desk.end()
+        except rigs.RigError as error:
+            self.desk.end("stopped" if self._stop.asked else error_text(error))
+            if not self._stop.asked:
+                raise
+        except KeyboardInterrupt:
+            if not self._stop.asked or self._stop.asked_by == "Ctrl-C":
+                raise
+            self.desk.end("stopped")
+        except Exception as error:  # noqa: BLE001
+            self.desk.end(error_text(error))
+        finally:
+            with suppress(rigs.RigError):
+                rig.off()
+            with self._lock:
+                self._task = None
+                self._changed()
+
+    def _shoot(self, rig: rigs.Rig) -> None:
+        with self._lock:
+            live = self._live
+            light, turn = live.light, live.turn
+        led = light.leds[turn % len(light.leds)] if light.leds else None
+        try:
+            shot = rig.shoot(led, light.exposure_us, light.gain_db)
+        except rigs.FrameLostError as error:
+            self._report(error_text(error))
+            self._rest(_IDLE_S)
+            return
+        frame = LiveFrame.of(live.number + 1, shot, rig, self._black_dn)
+        with self._lock:
+            self._trouble = ""
+            live.number += 1
+            if live.light is not light:
+                return  # the frame shows what was requested before
+            live.turn += 1
+            if light.mode == "all" and light.leds:
+                live.composite.add(frame)
+                if live.turn % len(light.leds):
+                    return
+                frame, live.composite = live.composite.frame(frame), Composite()
+            region = live.region
+        figures = _figures(frame, region)
+        now_s = time.monotonic()
+        with self._lock:
+            apart_s = now_s - live.taken_s
+            live.rate_hz = 1 / apart_s if apart_s > 0 else 0.0
+            live.frame, live.figures, live.taken_s = frame, figures, now_s
+            self._changed()
+
+    def _report(self, trouble: str) -> None:
+        with self._lock:
+            if self._trouble != trouble:
+                self._trouble = trouble
+                self._changed()
+
+    def _rest(self, seconds: float) -> None:
+        """Wait, but not after the end was requested."""
+        ends_s = time.monotonic() + seconds
+        while not self._closing and time.monotonic() < ends_s:
+            time.sleep(_IDLE_S)
+
+    # Called by any thread.
+
+    @property
+    def _attended(self) -> bool:
+        return self._always_attended or time.monotonic() - self._seen_s < AWAY_S
+
+    def _changed(self) -> None:
+        self._changes += 1
+
+    @property
+    def changes(self) -> int:
+        """Number of changes of the state so far."""
+        return self._changes
+
+    @property
+    def closed(self) -> bool:
+        """Whether the end was requested."""
+        return self._closing
+
+    def attend(self) -> None:
+        """Note that an operator is there: without this for 10 s, nothing is lit."""
+        self._seen_s = time.monotonic()
+
+    def close(self) -> None:
+        """Request the end: a task stops, and the rig is closed."""
+        self._closing = True
+        self.stop("the end of the screen")
+
+    def light(self, light: Light) -> None:
+        """Choose what lights the live picture.
+
+        Raises
+        ------
+        ValueError
+            If an LED does not exist or is listed as dead, or the exposure time is out of range.
+        BusyError
+            If the rig is not open.
+        """
+        with self._lock:
+            config, info = self._open.config, self._open.camera.info
+            for led in light.leds:
+                if not 0 <= led < config.leds:
+                    raise ValueError(
+                        f"LED {led} does not exist: the rig has 0 to {config.leds - 1}"
+                    )
+                if led in config.dead_leds:
+                    raise ValueError(f"LED {led} is listed as dead in the rig file")
+            low, high = info.exposure_min_us, info.exposure_max_us
+            if not low <= light.exposure_us <= high:
+                raise ValueError(
+                    f"the camera exposes for {low:g} to {high:g} us, not for {light.exposure_us:g}"
+                )
+            self._live.light = light
+            self._live.composite, self._live.turn = Composite(), 0
+            self._live.paused = False
+            self._changed()
+
+    def look_at(self, region: Region | None) -> None:
+        """Choose the region for the focus measure, None for the complete frame."""
+        with self._lock:
+            self._live.region = region
+
+    def pause(self, paused: bool) -> None:
+        """Stop or continue the live picture."""
+        with self._lock:
+            self._live.paused = paused
+            self._changed()
+
+    def request(self, name: str, task: Task) -> None:
+        """Request a task.
+
+        Raises
+        ------
+        BusyError
+            If another one is running, or the rig is not open.
+        """
+        with self._lock:
+            _ = self._open
+            if self._task is not None:
+                raise BusyError(f"{self._task[0]} is running: wait, or stop it first")
+            self._stop = StopRequest()
+            self._task = name, task
+            self._changed()
+
+    def stop(self, by: str) -> None:
+        """End a task at once, with all LEDs off."""
+        with self._lock:
+            if self._task is not None:
+                self._stop.ask(by)
+            if self._rig is not None:
+                self._rig.board.darken()
+
+    @property
+    def frame(self) -> LiveFrame | None:
+        """The latest live frame."""
+        return self._live.frame
+
+    @property
+    def current_light(self) -> Light:
+        """What lights the live picture."""
+        return self._live.light
+
+    def state(self) -> dict[str, Any]:
+        """Return everything that a screen shows, in JSON types."""
+        with self._lock:
+            live = self._live
+            return {
+                "changes": self._changes,
+                "rig": None if self._rig is None else _described(self._rig),
+                "trouble": self._trouble,
+                "task": None if self._task is None else self._task[0],
+                "live": {
+                    **asdict(live.light),
+                    "paused": live.paused,
+                    "rate_hz": live.rate_hz,
+                    "frame": live.figures,
+                },
+                **self.desk.state(),
+            }
+
+    @property
+    def _open(self) -> rigs.Rig:
+        if self._rig is None:
+            raise BusyError(f"the rig is not open: {self._trouble}")
+        return self._rig
+
+
+def _figures(frame: LiveFrame, region: Region | None) -> dict[str, Any]:
+    quality = frame.quality(region)
+    return {
+        "number": frame.number,
+        "leds": list(frame.leds),
+        "size": list(frame.size),
+        "exposure_us": frame.exposure_us,
+        "gain_db": frame.gain_db,
+        "clipped_fraction": frame.clipped_fraction,
+        "sharpness": quality.sharpness,
+        "histogram": frame.histogram.tolist(),
+    }
+
+
+def _described(rig: rigs.Rig) -> Mapping[str, Any]:
+    config, info = rig.config, rig.camera.info
+    return {
+        "name": config.name,
+        "leds": config.leds,
+        "dead_leds": list(config.dead_leds),
+        "positions_mm": [list(place) for place in config.led_positions_mm],
+        "camera": f"{info.vendor} {info.model} {info.serial}",
+        "size": list(config.mounting.upright_shape((info.height, info.width))),
+        "exposure_us": [info.exposure_min_us, info.exposure_max_us],
+        "white_dn": info.white_dn,
+    }
