@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -44,6 +45,9 @@ class BenchOptions(BaseModel):
     buffer_mib
         Memory for pending frames, MiB: a sequence gets one buffer per frame if they fit. By default
         1024, or a quarter of the computer's memory if that is less.
+    isolate
+        Whether the GenTL producer runs in a process of its own, which is ended and started again if
+        the producer hangs or crashes.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
@@ -59,6 +63,7 @@ class BenchOptions(BaseModel):
     black_level: float | None = None
     readout_us: Annotated[float, Field(ge=0)] | None = None
     buffer_mib: Annotated[int, Field(ge=1, le=2**20)] | None = None
+    isolate: bool = False
 
 
 def open_bench(config: RigConfig) -> Rig:
@@ -127,10 +132,14 @@ def _board(config: RigConfig, options: BenchOptions) -> Board:
 
 def _camera(cti: str, options: BenchOptions) -> Camera:
     # Imported here because harvesters takes a while to import.
-    from rig.genicam.camera import open_genicam
+    open_camera: Callable[..., Camera]
+    if options.isolate:
+        from rig.genicam.isolated import open_isolated as open_camera
+    else:
+        from rig.genicam.camera import open_genicam as open_camera
 
     own = {"model", "pixel_format", "trigger_line", "frame_rate_hz", "black_level", "readout_us"}
-    return open_genicam(
+    return open_camera(
         Path(cti).expanduser(),
         serial=options.camera,
         most_bytes=None if options.buffer_mib is None else options.buffer_mib * 2**20,

@@ -71,7 +71,7 @@ class Rig(OpenBoard):
         # Both may have been opened again by then.
         closing = (
             lambda: self.board.off(),
-            lambda: self.camera.disarm(),
+            self._disarm,
             lambda: self.camera.close(),
             lambda: self.board.close(),
             on_close,
@@ -227,6 +227,8 @@ class Rig(OpenBoard):
         """
         ends_s = clock.monotonic() + self.config.reconnect_s
         gone: set[str] = {lost.device}
+        self._armed = None
+        self._bench.chain.cut()
         failure = RigError("it cannot be opened again")
         while clock.monotonic() < ends_s:
             # The board first: an LED may still be on.
@@ -318,8 +320,11 @@ class Rig(OpenBoard):
                     opened.close()
                 raise CameraError(f"camera {opened.info.serial} is not as before: {changes}")
             self.camera = self._bench.camera = opened
-            self._settings = self._times = self._armed = None
-            self._bench.chain.cut()
+            self._settings = self._times = None
+
+    def _disarm(self) -> None:
+        if self._armed is not None:
+            self.camera.disarm()
 
     def _arm_as_stated(self) -> None:
         self._arm("line" if self.config.trigger == "board" else "software")
