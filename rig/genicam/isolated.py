@@ -178,8 +178,7 @@ class IsolatedCamera:
     def _check_there(self) -> None:
         if self._gone:
             raise CameraGoneError(
-                f"camera {self._name} no longer answers: {self._gone}; check its cable and power, "
-                "then open it again"
+                f"camera {self._name} no longer answers: {self._gone}; check its cable and power"
             )
 
     def _send(self, call: str, words: dict[str, Any]) -> None:

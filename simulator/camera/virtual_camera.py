@@ -200,9 +200,7 @@ class VirtualCamera:
 
     def _check(self) -> None:
         if self._unplugged:
-            raise CameraGoneError(
-                f"camera {self.info.serial} no longer answers; check its cable and power"
-            )
+            raise CameraGoneError(f"camera {self.info.serial} no longer answers: was it unplugged?")
         if self._closed:
             raise CameraError(f"camera {self.info.serial} is closed")
 

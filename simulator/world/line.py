@@ -141,6 +141,7 @@ class WorldBoard:
         now_ns = self._scheduler.now_ns
         if not self.present:
             self.board.advance(now_ns)  # nobody hears it
+            self._forget_bytes()
             return
         try:
             while self._to_board and self._to_board[0][0] <= now_ns:
@@ -159,6 +160,9 @@ class WorldBoard:
     def _gone_until(self, back_ns: int) -> None:
         self.back_ns = back_ns
         self.plugs += 1
+        self._forget_bytes()
+
+    def _forget_bytes(self) -> None:
         self._to_board.clear()
         self._to_host.clear()
 

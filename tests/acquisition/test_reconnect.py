@@ -72,7 +72,7 @@ def test_the_loss_is_told_and_is_no_retake(
     assert told(session) == [f"device_lost {device}", f"device_returned {device}"]
     assert seen == ["device_lost", "device_returned"]
     lost, returned = (dict(line.details) for line in session.events)
-    assert "check" in lost["reason"]
+    assert device in lost["reason"]
     assert 11 < returned["seconds"] < 14
     assert verify_session(tmp_path / "s").ok
 
