@@ -3,23 +3,31 @@
 from __future__ import annotations
 
 import webbrowser
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+import acquisition
 import rig as rigs
 from sgp.cli.console import note
 from sgp.cli.exit import UsageError
-from sgp.cli.options import OptionalInput, RigOption
+from sgp.cli.options import OptionalInput, Positive, RigOption
 from sgp.commands.capture_plan import chosen_plan
 from sgp.results import Result
 from sgp.rigs import chosen_rig
+from sgp.sessions import Order, StoredOptions
+
+if TYPE_CHECKING:
+    from sgp.screen import Screen, Station
 
 # Packages of the extra `screen`.
 _EXTRA = ("uvicorn", "starlette")
 
+_STORED = StoredOptions()
 Port = Annotated[int, Parameter(validator=Number(gte=0, lte=65535))]
 
 
@@ -28,8 +36,11 @@ def preview(
     rig: RigOption = None,
     plan: OptionalInput = None,
     out: Path = Path("recordings"),
+    stored: StoredOptions = _STORED,
+    pixel_mm: Positive | None = None,
     port: Port = 0,
     no_open: Annotated[bool, Parameter(negative=())] = False,
+    terminal: Annotated[bool, Parameter(negative=())] = False,
 ) -> Result:
     """Show a live picture of the rig on a page, with metering, checks and recording.
 
@@ -50,36 +61,58 @@ def preview(
         Plan file; default: each working LED once at 20 ms, and a dark frame.
     out
         Folder for recordings: each gets a folder in it, named after the object.
+    stored
+        What the sessions store besides the frames.
+    pixel_mm
+        Size of a pixel on the object in mm, for the scale bar and the quick look at normals.
     port
         Port of the page; default: a free one.
     no_open
         Print the address, and do not open the page in the browser.
+    terminal
+        Show focus, clipping and histogram on the terminal instead, and choose LEDs by keys.
     """
+    from sgp.screen import Desk, Light, PlanSheet, Screen, Station
+
+    name = chosen_rig(rig)
+    config, order = rigs.find_rig_config(name), Order.read(name, rig, stored)
+    chosen, _ = chosen_plan(plan, config)
+    desk = Desk(PlanSheet(chosen, config))
+    station = Station(
+        lambda: rigs.open_rig(name),
+        desk,
+        Light("one", chosen.leds[:1], chosen.exposures_of(chosen.leds[0])[0], chosen.gain_db),
+        black_dn=0.0 if order.sensor is None else order.sensor.noise_model().black_level_dn,
+        always_attended=terminal,
+    )
+    if terminal:
+        view = _terminal(station, chosen)
+    else:
+        view = _page(station, Screen(station, desk, order, out, pixel_mm), port, no_open)
+    with view:
+        station.run()
+    return Result(summary=["the screen is closed, and all LEDs are off"])
+
+
+def _terminal(station: Station, plan: acquisition.CapturePlan) -> AbstractContextManager[None]:
+    from sgp.screen.terminal_view import TerminalView
+
+    return TerminalView(station, plan.leds).shown()
+
+
+@contextmanager
+def _page(station: Station, screen: Screen, port: int, no_open: bool) -> Iterator[None]:
     try:
         from sgp.screen.server import ScreenServer
     except ModuleNotFoundError as error:
         if error.name not in _EXTRA:
             raise
         raise UsageError(
-            f"capture preview needs the extra `screen` ({error.name} is missing): install "
+            f"the page needs the extra `screen` ({error.name} is missing): install "
             "surface-geometry-processing[screen], or use --terminal"
         ) from error
-    from sgp.screen import Desk, Light, PlanSheet, Screen, Station
-
-    name = chosen_rig(rig)
-    config = rigs.find_rig_config(name)
-    chosen, _ = chosen_plan(plan, config)
-    desk = Desk(PlanSheet(chosen, config))
-    first = Light("one", chosen.leds[:1], chosen.exposures_of(chosen.leds[0])[0], chosen.gain_db)
-    station = Station(lambda: rigs.open_rig(name), desk, first)
-    screen = Screen(station, desk, out)
-    server = ScreenServer(station, screen.perform, screen.picture, port=port)
-    server.start()
-    try:
+    with ScreenServer(station, screen.perform, screen.picture, port=port) as server:
         note(f"page: {server.address}")
         if not no_open:
             webbrowser.open(server.address)
-        station.run()
-    finally:
-        server.close()
-    return Result(summary=["the page is closed, and all LEDs are off"])
+        yield

@@ -35,8 +35,8 @@ class PlanSheet:
         self._plan, self._text, self._error = plan, text_of(plan), ""
 
     @property
-    def plan(self) -> CapturePlan:
-        """The plan, without LEDs that are listed as dead.
+    def whole(self) -> CapturePlan:
+        """The plan with all its LEDs.
 
         Raises
         ------
@@ -46,7 +46,18 @@ class PlanSheet:
         with self._lock:
             if self._error:
                 raise acquisition.DataError(self._error)
-            return self._plan.without(self._config.dead_leds)[0]
+            return self._plan
+
+    @property
+    def plan(self) -> CapturePlan:
+        """The plan, without LEDs that are listed as dead.
+
+        Raises
+        ------
+        DataError
+            If the text is not a plan that fits the rig.
+        """
+        return self.whole.without(self._config.dead_leds)[0]
 
     def write(self, text: str) -> None:
         """Replace the text; a text that is no plan for this rig is kept, with its error."""

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 
 import acquisition
 from acquisition.preview import Region
-from rig.arrays import UInt8
+from acquisition.session.layout import FRAMES
+from rig.arrays import AnyArray, UInt8
+from sgp.results import check_folder
 from sgp.screen import actions
 from sgp.screen.desk import Desk
+from sgp.screen.recording import record, resume
 from sgp.screen.station import Light, Station
 from sgp.screen.tasks import check, look, meter
+from sgp.sessions import Order
 
 # Width of a thumbnail in px.
 _THUMBNAIL = 96
@@ -29,13 +33,22 @@ class Screen:
         The station.
     desk
         Its desk.
+    order
+        What sessions store.
     out
-        Folder for recordings; each gets a folder of its own in it.
+        Folder for recordings; each gets a folder in it, named after the object.
+    pixel_mm
+        Size of a pixel on the object, if it is known.
     """
 
-    def __init__(self, station: Station, desk: Desk, out: Path) -> None:
-        self._station, self._desk, self._out = station, desk, out
-        self._pictures: dict[str, UInt8] = {}
+    def __init__(
+        self, station: Station, desk: Desk, order: Order, out: Path, pixel_mm: float | None = None
+    ) -> None:
+        self._station, self._desk, self._order, self._out = station, desk, order, out
+        self._pixel_mm = pixel_mm
+        desk.show(mm_per_px=pixel_mm)
+        self._look: UInt8 | None = None
+        self._thumbnails: dict[Path, UInt8] = {}
         self._recording: Path | None = None
 
     def perform(self, action: actions.Action) -> None:
@@ -62,8 +75,20 @@ class Screen:
                 self._station.request("metering", meter(each=each))
             case actions.Check():
                 self._station.request("checking", check(self._out / "recording"))
+            case actions.Record(object=name, notes=notes, check=checked):
+                folder = self._out / _folder_name(name)
+                check_folder(folder)
+                task = record(
+                    self._order, self._order.labels(name.strip(), notes), folder, check=checked
+                )
+                self._station.request("recording", task)
+                self._recording = folder
+            case actions.Resume() if self._recording is not None:
+                self._station.request("recording", resume(self._order, self._recording))
             case actions.Look() if self._recording is not None:
-                self._station.request("computing normals", look(self._recording, self._keep))
+                self._station.request(
+                    "computing normals", look(self._recording, self._pixel_mm, self._keep)
+                )
             case actions.Answer(question=question, yes=yes):
                 self._desk.answer(question, yes)
             case actions.Stop():
@@ -73,21 +98,42 @@ class Screen:
 
     def picture(self, name: str) -> UInt8 | None:
         """Return a picture by name: ``look``, or the file of a recorded frame; None without it."""
-        if name == "look" or self._recording is None:
-            return self._pictures.get(name)
-        try:
-            session = acquisition.Session.open(self._recording)
-            frame = next(one for one in session.frames if one.path.name == name)
-            return _thumbnail(frame.read(), session.manifest.camera.white_dn)
-        except (acquisition.DataError, StopIteration):
-            return None
+        folder = self._recording
+        if name == "look" or folder is None:
+            return self._look
+        file = folder / FRAMES / name
+        if file not in self._thumbnails and file.parent == folder / FRAMES:
+            with suppress(acquisition.DataError, acquisition.MissingPathError):
+                pixels = acquisition.read_image(file)
+                self._thumbnails[file] = _thumbnail(pixels, self._station.white_dn)
+        return self._thumbnails.get(file)
 
     def _keep(self, picture: UInt8) -> None:
-        self._pictures["look"] = picture
+        self._look = picture
 
 
-def _thumbnail(pixels: Any, white_dn: float) -> UInt8:
+def _folder_name(name: str) -> str:
+    """Return the name of the folder for an object.
+
+    Raises
+    ------
+    ValueError
+        If the name is empty, or a path.
+    """
+    name = name.strip()
+    if not name:
+        raise ValueError("the object needs a name, after which its folder is named")
+    if name.startswith(".") or not name.isprintable() or set(name) & set('/\\:*?"<>|'):
+        raise ValueError(
+            f'{name!r} cannot name a folder: leave out / \\ : * ? " < > | and a first dot'
+        )
+    return name
+
+
+def _thumbnail(pixels: AnyArray, white_dn: float) -> UInt8:
+    """Return a small picture of a frame; one that is dim is brightened up to eight times."""
     height, width = pixels.shape[:2]
     size = _THUMBNAIL, max(1, round(_THUMBNAIL * height / width))
     small = cv2.resize(pixels.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    return np.asarray(np.rint(255 * np.clip(small / white_dn, 0, 1) ** (1 / 2.2)), np.uint8)
+    white = max(white_dn / 8, float(np.quantile(small, 0.995)))
+    return np.asarray(np.rint(255 * np.clip(small / white, 0, 1) ** (1 / 2.2)), np.uint8)

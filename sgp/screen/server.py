@@ -11,7 +11,7 @@ import time
 from collections.abc import AsyncIterator, Callable
 from importlib.resources import files
 from pathlib import PurePosixPath
-from typing import Final
+from typing import Final, Self
 
 import cv2
 import numpy as np
@@ -59,7 +59,7 @@ class Control:
 
 
 class ScreenServer:
-    """Serves the page of a station.
+    """Serves the page of a station inside its ``with`` block.
 
     Parameters
     ----------
@@ -110,12 +110,12 @@ class ScreenServer:
         )
         self._thread = threading.Thread(target=self._serve, name="screen", daemon=True)
 
-    def start(self) -> None:
-        """Start to serve."""
+    def __enter__(self) -> Self:
         self._thread.start()
+        return self
 
-    def close(self) -> None:
-        """End the server."""
+    def __exit__(self, *_: object) -> None:
+        self._station.close()
         self._server.should_exit = True
         self._thread.join(5)
         self._socket.close()

@@ -17,7 +17,7 @@ import rig as rigs
 from acquisition.engine import StopRequest
 from acquisition.preview import Composite, LiveFrame, Region
 from sgp.cli.exit import error_text
-from sgp.screen.desk import Desk
+from sgp.screen.desk import Desk, StoppedTaskError
 from sgp.screen.tasks import Task
 
 Mode = Literal["one", "cycle", "all"]
@@ -172,6 +172,8 @@ class Station:
             if not self._stop.asked or self._stop.asked_by == "Ctrl-C":
                 raise
             self.desk.end("stopped")
+        except StoppedTaskError as error:
+            self.desk.end(str(error))
         except Exception as error:  # noqa: BLE001
             self.desk.end(error_text(error))
         finally:
@@ -321,6 +323,11 @@ class Station:
     def frame(self) -> LiveFrame | None:
         """The latest live frame."""
         return self._live.frame
+
+    @property
+    def white_dn(self) -> float:
+        """White level of the latest live frame; the largest 16-bit value before the first."""
+        return 65535.0 if self._live.frame is None else self._live.frame.white_dn
 
     @property
     def current_light(self) -> Light:

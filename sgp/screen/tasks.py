@@ -21,7 +21,6 @@ Task = Callable[[rigs.Rig, Desk], None]
 
 # Enough to see faults of the lights, and few enough for seconds.
 _LOOK_PIXELS: Final = 150_000
-_LOOK = SourceOptions()
 
 
 def meter(*, each: bool) -> Task:
@@ -63,20 +62,23 @@ def check(folder: Path) -> Task:
     return task
 
 
-def look(folder: Path, keep: Callable[[UInt8], None]) -> Task:
+def look(folder: Path, pixel_mm: float | None, keep: Callable[[UInt8], None]) -> Task:
     """Return a task that computes normals of a session at a reduced size.
 
     Parameters
     ----------
     folder
         The session.
+    pixel_mm
+        Size of a pixel on the object; without it and a camera with a working distance, the lights
+        count as distant.
     keep
         Receives the picture of the normals.
     """
 
     def task(rig: rigs.Rig, desk: Desk) -> None:
         # Imported here because the estimators take a while to import.
-        from sgp.stages import compute_normals, open_recording
+        from sgp.stages import compute_normals, open_recording, with_scale
 
         desk.progress("reading the session", 0, 1)
         session = acquisition.Session.open(folder)
@@ -88,9 +90,12 @@ def look(folder: Path, keep: Callable[[UInt8], None]) -> Task:
                 "led_positions_mm into the rig file"
             )
         reduced = max(1, ceil(sqrt(height * width / _LOOK_PIXELS)))
-        opened = open_recording(folder, RemedyOptions(lights=lights, downscale=reduced))
+        camera = session.camera_model
+        scaled = pixel_mm or (camera is not None and camera.working_distance_mm)
+        options = RemedyOptions(lights=lights, downscale=reduced, distant=not scaled)
+        source, pixel = with_scale(open_recording(folder, options).source, pixel_mm)
         desk.progress("computing normals", 0, 1)
-        made = compute_normals(opened.source, _LOOK.stage(None))
+        made = compute_normals(source, SourceOptions(**vars(options)).stage(pixel))
         shades = np.where(made.mask[..., None], made.normals.normals / 2 + 0.5, 1.0)
         keep(np.rint(255 * np.clip(shades, 0, 1)).astype(np.uint8))
         verdict = verdict_line(made.verdict, good_result(made.verdict))

@@ -1,12 +1,18 @@
 from .acceptance import Acceptance as Acceptance
 from .acceptance import Accepted as Accepted
+from .audience import Audience as Audience
 from .event_stream import Events as Events
 from .event_stream import EventStream as EventStream
 from .event_stream import write_event as write_event
 from .event_stream import write_finished as write_finished
 from .operator_messages import CaptureTalk as CaptureTalk
+from .operator_messages import event_text as event_text
 from .resume_command import ResumeCommand as ResumeCommand
 from .resume_command import can_be_retaken as can_be_retaken
+from .rig_recording import Order as Order
+from .rig_recording import StoredOptions as StoredOptions
+from .rig_recording import record_on_rig as record_on_rig
+from .rig_recording import resume_on_rig as resume_on_rig
 from .session_sheet import write_session_sheet as write_session_sheet
 from .session_summary import describe as describe
 from .session_summary import left_out_notices as left_out_notices
@@ -18,7 +24,5 @@ from .simulation import record_simulated as record_simulated
 from .simulation import rendered as rendered
 from .steps import MeterOptions as MeterOptions
 from .steps import Preparation as Preparation
-from .steps import checked_wiring as checked_wiring
 from .steps import dry_run as dry_run
-from .steps import metered as metered
 from .steps import take_findings as take_findings

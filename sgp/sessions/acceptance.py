@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from typing import Annotated, Literal
 
@@ -10,11 +9,7 @@ from cyclopts import Parameter
 
 import acquisition
 import rig as rigs
-from sgp.cli.console import note
-from sgp.sessions.event_stream import EventStream
-
-if sys.platform != "win32":
-    import termios
+from sgp.sessions.audience import Audience
 
 Code = Literal[
     "exposure-saturated",
@@ -33,29 +28,18 @@ class Acceptance:
     Parameters
     ----------
     codes
-        Codes of the findings that are accepted; the operator is asked about others if the command
-        is used on a terminal.
-    stream
-        Receives the questions in place of the operator.
+        Codes of the findings that are accepted.
+    audience
+        Asked about others.
     """
 
-    def __init__(self, codes: Sequence[Code] = (), stream: EventStream | None = None) -> None:
+    def __init__(self, codes: Sequence[Code] = (), audience: Audience | None = None) -> None:
         self._codes = codes
-        self._stream = stream
+        self._audience = audience or Audience()
 
     def __call__(self, finding: rigs.Notice) -> bool:
         """Return whether a finding is accepted."""
-        if finding.code in self._codes:
-            return True
-        if self._stream is not None:
-            self._stream.question(finding)
-            return False
-        if not is_attended():
-            return False
-        forget_keys()
-        note(f"{finding}")
-        note("continue anyway? type yes and press Enter; any other answer stops")
-        return sys.stdin.readline().strip().lower() in ("y", "yes")
+        return finding.code in self._codes or self._audience.question(finding)
 
     def require(self, finding: rigs.Notice) -> None:
         """Refuse a finding that is not accepted.
@@ -67,14 +51,3 @@ class Acceptance:
         """
         if not self(finding):
             raise acquisition.NotAcceptedError(finding)
-
-
-def is_attended() -> bool:
-    """Return whether an operator can answer questions."""
-    return sys.stdin is not None and sys.stdin.isatty()
-
-
-def forget_keys() -> None:
-    """Discard keys that were pressed before a question: they do not answer it."""
-    if sys.platform != "win32":
-        termios.tcflush(sys.stdin, termios.TCIFLUSH)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -16,8 +16,9 @@ from cyclopts import Parameter
 import acquisition
 import rig as rigs
 from rig.host import clock
-from sgp.cli.console import Listener, listen
+from sgp.cli.console import listen
 from sgp.results import Result, plain, verdict_record
+from sgp.sessions.audience import Audience
 
 VERSION: Final = 1
 # Stage of `RecordingHooks.on_progress` whose steps are frames.
@@ -26,7 +27,7 @@ Events = Annotated[bool, Parameter(negative=())]
 _OF_FRAME: Final = ("file", "role", "led", "bracket", "repeat", "exposure_us", "clipped_fraction")
 
 
-class EventStream(Listener):
+class EventStream(Audience):
     """Writes events to stdout from its creation until the end of the command line.
 
     The console states its notices and its progress to it.
@@ -78,9 +79,13 @@ class EventStream(Listener):
         """State a notice."""
         write_event("notice", **asdict(notice))
 
-    def question(self, finding: rigs.Notice) -> None:
-        """State a question that only ``--accept`` answers."""
+    def question(self, finding: rigs.Notice) -> bool:
+        """State a question, which only ``--accept`` answers."""
         write_event("question", **asdict(finding))
+        return False
+
+    def card(self, stopping: Callable[[], bool]) -> None:
+        """Give no answer."""
 
 
 def write_finished(result: Result, exit_code: int) -> None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import select
-import sys
 from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any, Self
@@ -14,13 +12,11 @@ import rig as rigs
 from sgp.cli.console import Stages, note
 from sgp.cli.exit import UsageError
 from sgp.cli.terminal import STDERR
-from sgp.sessions.acceptance import Acceptance, forget_keys, is_attended
-from sgp.sessions.event_stream import EventStream
+from sgp.sessions.acceptance import Acceptance
+from sgp.sessions.audience import CARD, Audience
 from sgp.sessions.resume_command import ResumeCommand
 
 _STOPPING = b"\nstopping after this shot; Ctrl-C again stops now\n"
-# Interval at which a prompt checks whether Ctrl-C was pressed.
-_LOOK_S = 0.2
 # What the operator reads of an event, with its details.
 _EVENTS = {
     "retake": "retake: {reason}",
@@ -33,7 +29,14 @@ _EVENTS = {
     "upgraded": "the session was upgraded to format {to_version}",
     "not_sequenced": "the plan requests a sequence, but shots are taken one by one: {reason}",
 }
-_CARD = "flat frames are next: put the white card under the camera"
+
+
+def event_text(event: str, details: Mapping[str, Any]) -> str | None:
+    """Return the line about an event for the operator; None for one that does not concern them."""
+    if event not in _EVENTS:
+        return None
+    kept = f", kept as {details['kept']}" if details.get("kept") else ""
+    return _EVENTS[event].format_map({**details, "kept": kept})
 
 
 class CaptureTalk:
@@ -46,9 +49,9 @@ class CaptureTalk:
     card_is_there
         True if only flat frames are missing: the operator who resumes has placed the card.
     accepting
-        Answers to findings that make further frames useless; by default the operator's.
-    stream
-        Receives frames and events, too; it asks for no white card then.
+        Answers to findings that make further frames useless; by default the audience's.
+    audience
+        Receives frames and events, and is asked for the white card.
     """
 
     def __init__(
@@ -57,12 +60,12 @@ class CaptureTalk:
         *,
         card_is_there: bool = False,
         accepting: Acceptance | None = None,
-        stream: EventStream | None = None,
+        audience: Audience | None = None,
     ) -> None:
-        self._accepting = accepting or Acceptance()
+        self._audience = audience or Audience()
+        self._accepting = accepting or Acceptance(audience=self._audience)
         self._again = again
         self._card_is_there = card_is_there
-        self._stream = stream
         self._stopping = False
         self._damaged = False
         self.on_progress = Stages()
@@ -79,7 +82,7 @@ class CaptureTalk:
     def hooks(self) -> acquisition.RecordingHooks:
         """The callbacks, for a recording."""
         return acquisition.RecordingHooks(
-            on_frame=self.on_frame,
+            on_frame=self._audience.on_frame,
             on_progress=self.on_progress,
             on_event=self.on_event,
             on_stop=self.on_stop,
@@ -88,25 +91,18 @@ class CaptureTalk:
             before_flats=self.before_flats,
         )
 
-    def on_frame(self, line: acquisition.session.FrameLine) -> None:
-        """Pass a frame on to the stream."""
-        if self._stream is not None:
-            self._stream.on_frame(line)
-
     def on_event(self, event: str, details: Mapping[str, Any]) -> None:
         """Report the events that concern the operator."""
-        if self._stream is not None:
-            self._stream.journal(event, details)
-        if event in _EVENTS:
-            kept = f", kept as {details['kept']}" if details.get("kept") else ""
-            note(_EVENTS[event].format_map({**details, "kept": kept}))
+        self._audience.journal(event, details)
+        text = event_text(event, details)
+        if text is not None:
+            note(text)
 
     def on_damage(self, problem: str) -> None:
         """Report damage at once, while the object is still in place for a retake."""
         self._damaged = True
         note(f"damaged: {problem}")
-        if self._stream is not None:
-            self._stream.notice(rigs.Notice("frame-damaged", problem, severity="error"))
+        self._audience.notice(rigs.Notice("frame-damaged", problem, severity="error"))
 
     def on_stop(self) -> None:
         """Confirm Ctrl-C; this runs in a signal handler and does not use the console."""
@@ -116,20 +112,9 @@ class CaptureTalk:
 
     def before_flats(self) -> None:
         """Ask for the white card to be placed under the camera; Ctrl-C ends the wait."""
-        asked = is_attended() and self._stream is None
-        if asked:
-            forget_keys()
-            note(f"{_CARD}, then press Enter")
-        if not (self._enter_is_pressed() if asked else self._card_is_there):
-            raise UsageError(f"{_CARD}, then continue with `{self._again.text()}`")
-
-    def _enter_is_pressed(self) -> bool:
-        """Wait for Enter; return False if the terminal was closed instead."""
-        # On Windows, select() does not support the console.
-        while sys.platform != "win32" and not select.select([sys.stdin], [], [], _LOOK_S)[0]:
-            if self._stopping:
-                return True
-        return sys.stdin.readline() != ""
+        placed = self._audience.card(lambda: self._stopping)
+        if not (self._card_is_there if placed is None else placed):
+            raise UsageError(f"{CARD}, then continue with `{self._again.text()}`")
 
     def _report_state(self, error: BaseException) -> None:
         """Report the state of a session that stopped; the error itself gives the reason."""

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from acquisition import Session
-from sgp.sessions import acceptance
+from sgp.sessions import audience
 from tests.cases import cases
 from tests.sgp.small_rig import CAPTURE, events, interrupted
 
@@ -81,8 +81,8 @@ def test_several_codes_are_accepted_and_others_refused(sgp, tmp_path):
 
 @cases(("answer", "code"), {"yes": ("yes\n", 0), "y": ("y\n", 0), "no": ("n\n", 3), "end": ("", 3)})
 def test_on_a_terminal_the_command_asks(sgp, tmp_path, monkeypatch, answer, code):
-    monkeypatch.setattr(acceptance, "is_attended", lambda: True)
-    monkeypatch.setattr(acceptance, "forget_keys", lambda: None)
+    monkeypatch.setattr(audience, "_is_attended", lambda: True)
+    monkeypatch.setattr(audience, "_forget_keys", lambda: None)
     monkeypatch.setattr(sys, "stdin", io.StringIO(answer))
     words = ("--rig", rig_file(tmp_path), "--plan", plan_file(tmp_path, 900_000.0))
     done = sgp("capture", "run", tmp_path / "s", *words)

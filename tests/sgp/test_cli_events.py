@@ -117,14 +117,14 @@ def test_a_failure_and_the_resume_after_it(sgp, tmp_path):
 
 
 def test_damage_is_a_notice(capsys, tmp_path):
-    talk = CaptureTalk(ResumeCommand(tmp_path), stream=EventStream())
+    talk = CaptureTalk(ResumeCommand(tmp_path), audience=EventStream())
     talk.on_damage("L00_E0.tif: damaged")
     (notice,) = stream(capsys.readouterr().out)
     assert (notice["code"], notice["severity"]) == ("frame-damaged", "error")
 
 
 def test_the_white_card_is_not_asked_for(sgp, tmp_path, monkeypatch):
-    monkeypatch.setattr("sgp.sessions.operator_messages.is_attended", lambda: True)
+    monkeypatch.setattr("sgp.sessions.audience._is_attended", lambda: True)
     words = ("--rig", rig_file(tmp_path), "--plan", plan_file(tmp_path, 8000.0, "flats = 1\n"))
     answer = sgp("capture", "run", tmp_path / "s", *words, "--skip-check", "--events")
     *_, failed = stream(answer.out)

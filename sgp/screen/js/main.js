@@ -29,6 +29,7 @@ const panels = [
   thumbnails(at("thumbnails")),
 ];
 let state = null;
+at("stop").addEventListener("click", () => ask({ do: "stop" }));
 
 listen(
   (next) => {
@@ -53,6 +54,7 @@ function show(next) {
   ]
     .filter(Boolean)
     .join("; ");
+  at("stop").disabled = !next.controls;
   if (rig) view.size(rig.size);
   view.mmPerPx = next.mm_per_px;
   const { frame } = live;

@@ -15,7 +15,6 @@ export function recordPanel(panel) {
   const record = button("Record", "primary", () => ({ do: "record", object: name.value, notes: notes.value, check: check.checked }));
   const resume = button("Resume", "", () => ({ do: "resume" }));
   const look = button("Normals", "", () => ({ do: "look" }));
-  const stop = button("Stop", "stop", () => ({ do: "stop" }));
   const bar = element("progress", { max: 1, value: 0, "aria-label": "Progress" });
   const stage = element("p", { class: "said", role: "status" });
   const entries = [name, notes, check];
@@ -23,7 +22,7 @@ export function recordPanel(panel) {
     element("label", { class: "wide" }, "Object", name),
     element("label", { class: "wide" }, "Notes", notes),
     element("label", { class: "check" }, check, "Check rig and picture first"),
-    element("div", { class: "bar" }, record, resume, look, stop),
+    element("div", { class: "bar" }, record, resume, look),
     bar,
     stage,
     said,
@@ -36,7 +35,6 @@ export function recordPanel(panel) {
     resume.disabled = !idle;
     look.hidden = recording?.state !== "complete";
     look.disabled = !idle;
-    stop.disabled = !controls;
     bar.hidden = !progress;
     if (progress) bar.value = progress.total ? progress.done / progress.total : 0;
     const left = progress?.left_s ? `, about ${seconds(progress.left_s)} left` : "";

@@ -30,7 +30,7 @@ export function results(box) {
       ...(recording ? recorded(rest) : []),
       ...(look ? normals(look) : []),
       ...(checks ? [element("h2", {}, "Checks"), list(checks.flatMap(findings))] : []),
-      ...(metered ? [element("h2", {}, "Metering"), table(metered)] : []),
+      ...(metered ? [element("h2", {}, "Metering"), element("details", {}, element("summary", {}, metering(metered)), table(metered))] : []),
     );
   };
 }
@@ -62,6 +62,13 @@ function list(lines) {
   return element("ul", { class: "notices" }, ...items);
 }
 
+function metering(lights) {
+  const times = lights.map(({ exposure_us }) => exposure_us / 1000);
+  const bad = lights.filter(({ state }) => state !== "ok").length;
+  const range = `${Math.min(...times).toPrecision(3)} to ${Math.max(...times).toPrecision(3)} ms`;
+  return `${lights.length} LEDs, ${range}${bad ? `, ${bad} not ok` : ""}`;
+}
+
 function table(lights) {
   const cells = ({ led, exposure_us, level, state }) => [led, (exposure_us / 1000).toPrecision(4), `${(100 * level).toFixed(0)} %`, state];
   const row = (kind, values) => element("tr", {}, ...values.map((value) => element(kind, {}, String(value))));
@@ -88,7 +95,7 @@ export function thumbnails(box) {
       box.replaceChildren();
     }
     for (const { file } of (recording?.frames ?? []).slice(count)) {
-      const image = element("img", { src: `picture?name=${encodeURIComponent(file)}`, alt: file, loading: "lazy", width: 96 });
+      const image = element("img", { src: `picture?name=${encodeURIComponent(file)}`, alt: file, width: 96 });
       box.append(element("figure", {}, image, element("figcaption", {}, file)));
       count++;
     }
