@@ -32,7 +32,7 @@ from rig.processes.child import module_command
 _KINDS = (CameraError, CameraGoneError, FrameLostError, FrameTimeoutError)
 _ERRORS = {kind.__name__: kind for kind in _KINDS}
 # Time for a call after which the producer counts as stuck; of a frame, in addition to its timeout.
-_OPENING_S = 60.0
+_OPENING_S = 20.0
 _CALL_S = 10.0
 _FRAME_S = 2.0
 _ENDING_S = 2.0

@@ -239,6 +239,7 @@ class Rig(OpenBoard):
                 gone.discard(device)
                 if not gone:
                     self.board.off()
+                    self.board.status()  # a restart until now is no reason to refuse a shot
                     self._arm_as_stated()
                     return
             except RigError as error:

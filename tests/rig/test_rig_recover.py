@@ -65,16 +65,43 @@ def test_a_board_that_is_back_takes_the_next_shot(bench, trigger, port):
         check_shots(bench, rig)
 
 
-def test_a_sequence_continues_with_a_board_that_is_back(bench):
+@pytest.mark.parametrize("device", ["board", "camera"])
+def test_a_sequence_continues_with_a_device_that_is_back(bench, device):
     with bench.rig(trigger="board", frame_period_ms=20.0, frame_timeout_s=0.3) as rig:
         sequence = rig.sequence([1, 2, 3, 4], EXPOSURE_US)
         assert next(sequence).led == 1
-        bench.virtual.unplug(SECOND_NS)
-        with pytest.raises(BoardGoneError) as error:
+        bench.virtual.unplug(SECOND_NS) if device == "board" else rig.camera.unplug()
+        with pytest.raises(DeviceGoneError) as error:
             list(sequence)
+        assert error.value.device == device
         rig.recover(error.value)
         shots = list(rig.sequence([2, 3, 4], EXPOSURE_US))
         assert [led_seen(shot.frame) for shot in shots] == [2, 3, 4]
+
+
+def test_a_camera_that_is_gone_during_a_flash_is_recognised(bench, monkeypatch):
+    with bench.rig(trigger="board") as rig:
+        check_shots(bench, rig)
+        flash = rig.board.flash
+
+        def flash_and_unplug(*words):
+            rig.camera.unplug()
+            return flash(*words)
+
+        monkeypatch.setattr(rig.board, "flash", flash_and_unplug)
+        rig.recover(gone(rig, CameraGoneError))
+        monkeypatch.undo()
+        check_shots(bench, rig)
+
+
+def test_a_board_that_restarted_while_the_camera_was_gone_takes_the_next_shot(bench):
+    with bench.rig(frame_period_ms=500.0) as rig:
+        rig.camera.unplug()
+        error = gone(rig)
+        clock.sleep(5)
+        bench.virtual.reset()
+        rig.recover(error)
+        check_shots(bench, rig)
 
 
 def test_both_may_be_gone(bench):
