@@ -226,29 +226,27 @@ class Rig(OpenBoard):
             is not the same, with the same settings. A note says what the last attempt found.
         """
         ends_s = clock.monotonic() + self.config.reconnect_s
-        gone: set[str] = {lost.device}
+        gone: str | None = lost.device
         self._armed = None
         self._bench.chain.cut()
         failure = RigError("it cannot be opened again")
         while clock.monotonic() < ends_s:
-            # The board first: an LED may still be on.
-            device = min(gone, default="")
-            outcome = self._opened(device, ends_s, waiting) if device else None
+            opened = None if gone is None else self._opened(gone, ends_s, waiting)
             try:
-                self._take_over(outcome)
-                gone.discard(device)
-                if not gone:
-                    self.board.off()
-                    self.board.status()  # a restart until now is no reason to refuse a shot
-                    self._arm_as_stated()
-                    return
+                self._take_over(opened)
+                gone = None
+                self.board.off()
+                self.board.status()  # a restart until now is no reason to refuse a shot
+                self._arm_as_stated()
             except RigError as error:
                 failure = error
-                gone |= {error.device} if isinstance(error, DeviceGoneError) else set()
-                again_s = clock.monotonic() + _AGAIN_AFTER_S
-                while clock.monotonic() < min(again_s, ends_s):
-                    waiting()
-                    clock.sleep(_LOOK_S)
+                gone = error.device if isinstance(error, DeviceGoneError) else gone
+            else:
+                return
+            again_s = min(ends_s, clock.monotonic() + _AGAIN_AFTER_S)
+            while clock.monotonic() < again_s:
+                waiting()
+                clock.sleep(_LOOK_S)
         note(lost, "on opening it again", failure)
         raise lost
 

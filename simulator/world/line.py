@@ -160,6 +160,7 @@ class WorldBoard:
     def _gone_until(self, back_ns: int) -> None:
         self.back_ns = back_ns
         self.plugs += 1
+        self.user = None
         self._forget_bytes()
 
     def _forget_bytes(self) -> None:
@@ -249,7 +250,7 @@ class WorldLine:
         """Close the port."""
         self._scheduler.step("close the line")
         self._open = False
-        if self._board.user is self._program:
+        if self._board.user is self._program and self._board.plugs == self._plugs:
             self._board.user = None
 
     def _advance(self, name: str) -> None:

@@ -148,6 +148,24 @@ def test_a_device_that_is_gone_at_every_shot_is_broken(
     rig.recover(error.value)
 
 
+def test_losses_with_frames_in_between_do_not_add_up(
+    opened: tuple[World, Rig], tmp_path: Path
+) -> None:
+    world, rig = opened
+    plan = PLAN.changed(exposures_us=(4000.0, 16_000.0))
+    lines: list[object] = []
+
+    def on_frame(line: object) -> None:
+        lines.append(line)
+        if len(lines) <= _LOSSES_IN_A_ROW + 1:
+            world.unplug_camera(0.1)
+
+    hooks = RecordingHooks(on_frame=on_frame)
+    session = record(rig, plan, tmp_path / "s", LABELS, hooks=hooks)
+    assert session.complete
+    assert told(session).count("device_returned camera") == _LOSSES_IN_A_ROW + 1
+
+
 @pytest.mark.parametrize(
     ("event", "details", "valid"),
     [
