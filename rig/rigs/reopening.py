@@ -33,11 +33,11 @@ class Opening(Generic[Device]):
     def __init__(self, open_device: Callable[[], Device]) -> None:
         self._open = open_device
         self._lock = threads.Lock()
-        self._outcome: Device | Exception | None = None
+        self._outcome: Device | RigError | None = None
         self._wanted = True
         threads.Thread(target=self._run, name="opening", daemon=True).start()
 
-    def outcome(self, ends_s: float, waiting: Callable[[], None]) -> Device | Exception:
+    def outcome(self, ends_s: float, waiting: Callable[[], None]) -> Device | RigError:
         """Return the open device, or the error why it is not open.
 
         Parameters
@@ -52,16 +52,15 @@ class Opening(Generic[Device]):
         A device that opens later is closed at once.
         """
         try:
-            while self._outcome is None:
-                waiting()
-                if clock.monotonic() >= ends_s:
-                    self._give_up()
-                    return RigError("it takes too long to open")
-                clock.sleep(_LOOK_S)
+            wait(ends_s, waiting, lambda: self._outcome is not None)
         except BaseException:
             self._give_up()
             raise
-        return self._outcome
+        outcome = self._outcome
+        if outcome is None:
+            self._give_up()
+            return RigError("it takes too long to open")
+        return outcome
 
     def _give_up(self) -> None:
         with self._lock:
@@ -70,17 +69,28 @@ class Opening(Generic[Device]):
 
     def _run(self) -> None:
         try:
-            outcome: Device | Exception = self._open()
-        except Exception as error:  # noqa: BLE001 - raised again in the thread that waits
+            outcome: Device | RigError = self._open()
+        except RigError as error:
             outcome = error
+        except Exception as error:  # noqa: BLE001 - libraries fail in any way while a camera starts
+            outcome = RigError(f"{type(error).__name__}: {error}")
         with self._lock:
             self._outcome = outcome
         self._close_unwanted()
 
     def _close_unwanted(self) -> None:
-        if not self._wanted and not isinstance(self._outcome, Exception | None):
+        if not self._wanted and not isinstance(self._outcome, RigError | None):
             with suppress(RigError):
                 self._outcome.close()
+
+
+def wait(
+    ends_s: float, waiting: Callable[[], None], done: Callable[[], bool] = lambda: False
+) -> None:
+    """Call ``waiting`` every 100 ms until a time of the monotonic clock, or until it is done."""
+    while not done() and clock.monotonic() < ends_s:
+        waiting()
+        clock.sleep(_LOOK_S)
 
 
 def camera_facts(info: CameraInfo) -> dict[str, Any]:

@@ -16,15 +16,14 @@ from rig.host import clock
 from rig.messages.representation import differences
 from rig.messages.type_check import check_led
 from rig.rigs.board_only import OpenBoard
-from rig.rigs.reopening import Opening, camera_facts
+from rig.rigs.reopening import Opening, camera_facts, wait
 from rig.shooting.sequence import run, runs
 from rig.shooting.shooting import Bench, Wires, by_board, by_software, hold_ms, try_wires
 from rig.shooting.shot import Shot
 from rig.shooting.shot_times import ShotTimes
 
-# Time between attempts to open a device that is gone, and between looks while waiting for them.
+# Time between attempts to open a device that is gone.
 _AGAIN_AFTER_S = 0.5
-_LOOK_S = 0.1
 
 
 class Rig(OpenBoard):
@@ -243,10 +242,7 @@ class Rig(OpenBoard):
                 gone = error.device if isinstance(error, DeviceGoneError) else gone
             else:
                 return
-            again_s = min(ends_s, clock.monotonic() + _AGAIN_AFTER_S)
-            while clock.monotonic() < again_s:
-                waiting()
-                clock.sleep(_LOOK_S)
+            wait(min(ends_s, clock.monotonic() + _AGAIN_AFTER_S), waiting)
         note(lost, "on opening it again", failure)
         raise lost
 
@@ -288,7 +284,7 @@ class Rig(OpenBoard):
 
     def _opened(
         self, device: str, ends_s: float, waiting: Callable[[], None]
-    ) -> Board | Camera | Exception:
+    ) -> Board | Camera | RigError:
         """Close a device that is gone and open it again; return it, or why it does not open."""
         if device == "board":
             with suppress(RigError):
@@ -306,9 +302,9 @@ class Rig(OpenBoard):
 
         return Opening(again).outcome(ends_s, waiting)
 
-    def _take_over(self, opened: Board | Camera | Exception | None) -> None:
+    def _take_over(self, opened: Board | Camera | RigError | None) -> None:
         """Use a device that was opened again from now on, if it is the same."""
-        if isinstance(opened, Exception):
+        if isinstance(opened, RigError):
             raise opened
         if isinstance(opened, Board):
             self.board = self._bench.board = opened

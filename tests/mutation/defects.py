@@ -101,8 +101,8 @@ DEFECTS = (
     Planted(
         "the rest of a sequence is forgotten",
         _LOOP,
-        "        self._todo.put_back(group)\n",
-        "",
+        "            self._todo.put_back(group)\n",
+        "            pass\n",
     ),
     Planted(
         "the session is completed although a write failed",

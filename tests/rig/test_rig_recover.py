@@ -256,6 +256,21 @@ def test_another_board_is_refused(bench, world):
         assert rig.board.identity.leds == 36
 
 
+def test_a_driver_that_fails_in_any_way_is_asked_again(bench, monkeypatch):
+    def starting():
+        bench.camera = camera
+        raise ValueError("the camera is still starting")
+
+    camera = bench.camera
+    monkeypatch.setattr(bench, "camera", camera)
+    with bench.rig() as rig:
+        rig.camera.unplug()
+        error = gone(rig)
+        bench.camera = starting
+        rig.recover(error)
+        check_shots(bench, rig)
+
+
 def test_a_rig_that_cannot_open_its_camera_says_so(bench):
     with bench.rig(reconnect_s=1.0) as rig:
         rig._open_camera = None
