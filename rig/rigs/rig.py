@@ -207,14 +207,15 @@ class Rig(OpenBoard):
         return wires
 
     def recover(self, lost: DeviceGoneError, waiting: Callable[[], None] = lambda: None) -> None:
-        """Open a device again that was gone: the same board, or the camera with the same serial.
+        """Open a device again that is gone: the same board, or the camera with the same serial.
 
-        All LEDs are off then, as the board has confirmed, and the next shot may be taken.
+        The next shot may be taken then, unless the other device is gone as well. If it was the
+        board, it has confirmed that all LEDs are off.
 
         Parameters
         ----------
         lost
-            Error of the device. If the other device is gone as well, it is also opened again.
+            Error of the device.
         waiting
             Called at least every 200 ms meanwhile; an exception from it ends the wait.
 
@@ -225,21 +226,15 @@ class Rig(OpenBoard):
             is not the same, with the same settings. A note says what the last attempt found.
         """
         ends_s = clock.monotonic() + self.config.reconnect_s
-        gone: str | None = lost.device
         self._armed = None
         self._bench.chain.cut()
         failure = RigError("it cannot be opened again")
         while clock.monotonic() < ends_s:
-            opened = None if gone is None else self._opened(gone, ends_s, waiting)
+            opened = self._opened(lost.device, ends_s, waiting)
             try:
                 self._take_over(opened)
-                gone = None
-                self.board.off()
-                self.board.status()  # a restart until now is no reason to refuse a shot
-                self._arm_as_stated()
             except RigError as error:
                 failure = error
-                gone = error.device if isinstance(error, DeviceGoneError) else gone
             else:
                 return
             wait(min(ends_s, clock.monotonic() + _AGAIN_AFTER_S), waiting)
@@ -302,20 +297,24 @@ class Rig(OpenBoard):
 
         return Opening(again).outcome(ends_s, waiting)
 
-    def _take_over(self, opened: Board | Camera | RigError | None) -> None:
+    def _take_over(self, opened: Board | Camera | RigError) -> None:
         """Use a device that was opened again from now on, if it is the same."""
         if isinstance(opened, RigError):
             raise opened
         if isinstance(opened, Board):
             self.board = self._bench.board = opened
-        elif opened is not None:
-            changes = differences(camera_facts(self.camera.info), camera_facts(opened.info))
-            if changes:
-                with suppress(RigError):
-                    opened.close()
-                raise CameraError(f"camera {opened.info.serial} is not as before: {changes}")
-            self.camera = self._bench.camera = opened
-            self._settings = self._times = None
+            opened.off()
+            return
+        if changes := differences(camera_facts(self.camera.info), camera_facts(opened.info)):
+            with suppress(RigError):
+                opened.close()
+            raise CameraError(f"camera {opened.info.serial} is not as before: {changes}")
+        self.camera = self._bench.camera = opened
+        self._settings = self._times = None
+        self._arm_as_stated()
+        # A restart of the board meanwhile is no reason to refuse a shot.
+        with suppress(RigError):
+            self.board.status()
 
     def _disarm(self) -> None:
         if self._armed is not None:

@@ -110,6 +110,7 @@ def test_both_may_be_gone(bench):
         error = gone(rig, CameraGoneError)
         bench.virtual.unplug(SECOND_NS, "another")
         rig.recover(error)
+        rig.recover(gone(rig, BoardGoneError))
         check_shots(bench, rig)
 
 
