@@ -227,7 +227,6 @@ class Rig(OpenBoard):
         """
         ends_s = clock.monotonic() + self.config.reconnect_s
         self._armed = None
-        self._bench.chain.cut()
         failure = RigError("it cannot be opened again")
         while clock.monotonic() < ends_s:
             opened = self._opened(lost.device, ends_s, waiting)

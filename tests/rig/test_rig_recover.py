@@ -272,6 +272,29 @@ def test_a_driver_that_fails_in_any_way_is_asked_again(bench, monkeypatch):
         check_shots(bench, rig)
 
 
+def test_a_camera_that_cannot_be_armed_yet_is_opened_once_more(bench, monkeypatch):
+    def refused(*words):
+        raise CameraError("busy")
+
+    def opened():
+        cameras.append(camera())
+        if len(cameras) == 1:
+            cameras[0].arm = refused
+        return cameras[-1]
+
+    cameras, camera = [], bench.camera
+    monkeypatch.setattr(bench, "camera", camera)
+    with bench.rig() as rig:
+        rig.camera.unplug()
+        error = gone(rig)
+        bench.camera = opened
+        rig.recover(error)
+        assert rig.camera is cameras[1]
+        with pytest.raises(CameraError, match="is closed"):
+            cameras[0].disarm()
+        check_shots(bench, rig)
+
+
 def test_a_rig_that_cannot_open_its_camera_says_so(bench):
     with bench.rig(reconnect_s=1.0) as rig:
         rig._open_camera = None
