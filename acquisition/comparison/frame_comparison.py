@@ -43,6 +43,11 @@ _DARKEST: Final = 0.25
 # Cells at edges may deviate one by one; a part is at least this many cells that touch.
 _LEAST_CELLS: Final = 3
 _OTHER: Final = 0.01
+# The noise of cells is known to this share of its standard deviation.
+_NOISE_KNOWN: Final = 0.2
+# A robust standard deviation of normal values varies by this multiple of that of the usual one,
+# 1 / sqrt(2 n).
+_ROBUST: Final = 1.65
 
 
 @dataclass(frozen=True)
@@ -71,6 +76,13 @@ class FrameComparison:
     judged_fraction
         Share of the frame, 0 to 1, that was judged: lit in one of the frames, and saturated in
         neither.
+    gain_spread, gain_spread_sigma
+        Robust standard deviation of the gain over the frame without the part that is noise,
+        relative to the gain, and its standard deviation: 0 if all lights faded alike, more if the
+        light came from another direction.
+    unlike_fraction
+        Share of the judged area, 0 to 1, whose structure differs: of another object, but not of
+        the same object under another light.
     """
 
     shift_px: tuple[float, float]
@@ -82,6 +94,9 @@ class FrameComparison:
     other_fraction: float
     other_box: tuple[int, int, int, int] | None
     judged_fraction: float
+    gain_spread: float
+    gain_spread_sigma: float
+    unlike_fraction: float
 
     @property
     def comparable(self) -> bool:
@@ -178,7 +193,7 @@ def compare_frames(
     if not all(lit) or judged < _LEAST_JUDGED:
         return _without_comparison(planes, lit, judged)
     gain, gain_sigma = cells.gain()
-    other = cells.other(gain)
+    other, unlike = cells.other(gain)
     share = float(np.count_nonzero(other) / np.count_nonzero(cells.judged))
     shift, sigma, focus = np.full(2, math.nan), np.full(2, math.nan), (math.nan, math.nan)
     if registered.determined and share < _UNLIKE:
@@ -201,6 +216,8 @@ def compare_frames(
         share,
         _box(other, side * block, registered.shift * block, first.shape),
         judged,
+        *cells.gain_spread(),
+        unlike,
     )
 
 
@@ -285,7 +302,8 @@ def _without_comparison(planes: list[Plane], lit: list[bool], judged: float) -> 
         before, after = (float(plane.light.mean(dtype=np.float64)) for plane in planes)
         noise = float(_noise(planes[1].light).mean(dtype=np.float64)) / planes[1].light.size
         gain = after / before, noise**0.5 / before
-    return FrameComparison(nan, nan, *gain, *nan, math.nan, None, judged if all(lit) else 0.0)
+    seen = judged if all(lit) else 0.0
+    return FrameComparison(nan, nan, *gain, *nan, math.nan, None, seen, *nan, math.nan)
 
 
 class _Cells:
@@ -330,21 +348,37 @@ class _Cells:
 
     def gain(self) -> tuple[float, float]:
         """Return the median ratio of the cells and its standard deviation."""
+        gain, scatter, by_noise, count = self._ratios()
+        # The median of normal values varies by 1.2533 times as much as their mean.
+        return gain, 1.2533 * max(scatter, by_noise) / count**0.5
+
+    def gain_spread(self) -> tuple[float, float]:
+        """Return the relative scatter of the ratios beyond their noise, and its deviation."""
+        gain, scatter, by_noise, count = self._ratios()
+        beyond = math.sqrt(max(scatter**2 - by_noise**2, 0.0))
+        chance = _ROBUST * scatter**2 * (2 / count) ** 0.5
+        sigma = math.hypot(chance, 2 * _NOISE_KNOWN * by_noise**2)
+        # Frames without noise have neither.
+        return beyond / gain, sigma / (max(2 * beyond, by_noise) or 1.0) / gain
+
+    def _ratios(self) -> tuple[float, float, float, int]:
+        """Return median and robust deviation of the cells' ratios, that of noise, and a count."""
         both = self.judged & self._lit[0] & self._lit[1]
         if not both.any():
-            return math.nan, math.nan
+            return math.nan, math.nan, math.nan, 1
         ratios = self._mean[1][both] / self._mean[0][both]
         gain = float(np.median(ratios))
         noise = (self._noise[1] + gain**2 * self._noise[0])[both] / self._count[both]
         by_noise = float(np.median(noise**0.5 / self._mean[0][both]))
-        scatter = max(1.4826 * float(np.median(np.abs(ratios - gain))), by_noise)
-        # The median of normal values varies by 1.2533 times as much as their mean.
-        return gain, 1.2533 * scatter / ratios.size**0.5
+        return gain, 1.4826 * float(np.median(np.abs(ratios - gain))), by_noise, ratios.size
 
-    def other(self, gain: float) -> Bool:
-        """Return the judged cells that do not fit and touch others that do not."""
+    def other(self, gain: float) -> tuple[Bool, float]:
+        """Return the judged cells that do not fit and touch others that do not.
+
+        Also return the share of judged cells whose structure differs.
+        """
         if math.isnan(gain):
-            return self.judged
+            return self.judged, 1.0
         one, two = gain * self._mean[0], self._mean[1]
         noise = gain**2 * self._noise[0] + self._noise[1]
         level = np.maximum(np.abs(one), np.abs(two))
@@ -364,7 +398,8 @@ class _Cells:
         _, labels, figures, _ = cv2.connectedComponentsWithStats(apart, connectivity=8)
         large = figures[:, cv2.CC_STAT_AREA] >= _LEAST_CELLS
         large[0] = False
-        return np.asarray(large[labels])
+        share = np.count_nonzero(self.judged & unlike) / np.count_nonzero(self.judged)
+        return np.asarray(large[labels]), float(share)
 
 
 def _box(

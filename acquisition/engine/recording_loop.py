@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections import Counter, deque
+from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import closing
 from dataclasses import asdict, dataclass, fields
 from functools import partial
 from typing import Any, Final, cast
 
-from acquisition._errors import DataError
+from acquisition._errors import DataError, NotAcceptedError
 from acquisition.engine.rejection import References, SeenLight, quality_of, rejection
+from acquisition.engine.repeat_watch import RepeatWatch
 from acquisition.engine.shot_order import Agenda
 from acquisition.engine.stop_request import StoppedError, StopRequest
 from acquisition.engine.write_queue import Turn, WriteQueue
 from acquisition.pixels.frame_quality import FrameQuality, above_dark
 from acquisition.plan.plan import CapturePlan
 from acquisition.plan.planned_shot import PlannedShot, ShotKey
-from acquisition.session.comparisons import compared_repeat
+from acquisition.session.comparisons import USELESS, compared_repeats
 from acquisition.session.frame_proofs import CHECKING
 from acquisition.session.journal import COMPARED, Echo, FrameLine
 from acquisition.session.layout import WRITERS
@@ -57,9 +58,9 @@ def _nothing(*_: object) -> None:
     """Do nothing: the callback of a caller that does not listen."""
 
 
-def _refuse(finding: Notice) -> bool:
-    """Accept no finding."""
-    return False
+def _refuse_useless(finding: Notice) -> bool:
+    """Accept findings that do not make further frames useless."""
+    return finding.code not in USELESS
 
 
 @dataclass(frozen=True)
@@ -83,8 +84,9 @@ class RecordingHooks:
         Called when a frame that was recorded earlier turns out to be damaged, with a description in
         one line. The missing shots are still taken; then the recording ends with this error.
     accept
-        Asked about each finding after which further frames would not fit those recorded before,
-        before a session is resumed; returns whether to continue. By default no finding is accepted.
+        Asked about each finding of a repeat, with all LEDs off; returns whether to continue. By
+        default those after which further frames would not fit those recorded before are refused.
+        Before a session is resumed only these are asked about.
     before_flats
         Called once before the first flat. When it returns, the white card must be under the camera,
         unless Ctrl-C was pressed meanwhile.
@@ -95,7 +97,7 @@ class RecordingHooks:
     on_event: OnEvent = _nothing
     on_stop: Callable[[], None] = _nothing
     on_damage: Callable[[str], None] = _nothing
-    accept: OnDoubt = _refuse
+    accept: OnDoubt = _refuse_useless
     before_flats: Callable[[], None] = _nothing
 
 
@@ -125,6 +127,8 @@ class Recording:
         Callbacks that report progress.
     references
         Figures of the frames that were recorded before.
+    watch
+        Compares repeats of the session.
     """
 
     def __init__(
@@ -135,6 +139,7 @@ class Recording:
         queue: WriteQueue[Stored | None],
         hooks: RecordingHooks,
         references: References,
+        watch: RepeatWatch,
     ) -> None:
         self._rig = rig
         self._writer = writer
@@ -142,6 +147,7 @@ class Recording:
         self._queue = queue
         self._hooks = hooks
         self._references = references
+        self._watch = watch
         self._rejection = partial(
             rejection,
             range_dn=references.range_dn,
@@ -170,14 +176,18 @@ class Recording:
             If a stop was requested and shots are left.
         RigError, DataError, StorageError
             If a shot cannot be taken, is rejected too often, or cannot be written.
+        NotAcceptedError
+            If a finding of a repeat is not accepted and lights are left.
         """
         if self._plan.sequence and not self._sequenced:
             trigger = self._rig.config.trigger
             self.event("not_sequenced", reason=f"the rig file has trigger = {trigger!r}")
-        while self._todo or not self._queue.settled:
+        while self._todo or not (self._queue.settled and self._watch.settled):
             if not self._todo:
                 self._queue.drain()
+                self._watch.wait()
             self.collect()
+            self._ask()
             if stop.asked and self._todo:
                 raise StoppedError(stop, "after a shot")
             try:
@@ -208,8 +218,17 @@ class Recording:
         self._report_damage()
         self._writer.proofs.check_undamaged()
 
-    def compare_repeat(self) -> None:
-        """Compare the repeat with its light once, and write the result.
+    def _ask(self) -> None:
+        """Ask whether to take further lights after what the repeats show."""
+        while self._watch.findings:
+            finding = self._watch.findings.pop(0)
+            if self._todo.lights_left:
+                self._rig.off()
+                if not self._hooks.accept(finding):
+                    raise NotAcceptedError(finding)
+
+    def compare_repeats(self) -> None:
+        """Compare each repeat that was not compared yet with its light, and write the result.
 
         Raises
         ------
@@ -218,9 +237,7 @@ class Recording:
         StorageError
             If the disk refuses.
         """
-        session = Session.open(self._writer.folder)
-        details = compared_repeat(session.manifest.camera, session.frames, session.events)
-        if details is not None:
+        for details in compared_repeats(Session.open(self._writer.folder)):
             self._writer.write_event(COMPARED, **details)
             self._hooks.on_event(COMPARED, details)
 
@@ -244,6 +261,10 @@ class Recording:
             self._note_light(stored)
             self._hooks.on_frame(stored.line)
             self._hooks.on_progress("recording", self._done, self._total)
+            if stored.shot.role == "repeat" and self._todo.lights_left:
+                self._watch.compare(stored.line.file)
+        for details in self._watch.collect():
+            self.event(COMPARED, **details)
 
     def _note_light(self, stored: Stored) -> None:
         """Note the light of a frame; report the first frame of an exposure that shows none."""
@@ -313,17 +334,16 @@ class Recording:
         group = self._todo.take(lambda shot: self._may_follow(first, shot))
         leds = [shot.led for shot in group]
         shots = self._rig.sequence(leds, _exposure_us(first), self._plan.gain_db)
-        try:
-            with closing(cast(Generator[Shot, None, None], shots)) as sequence:
-                while (shot := self._next(sequence, group, stop)) is not None:
-                    if not self._is_of(group[0], shot):
-                        break
-                    counts = self._keep(group.popleft(), shot)
-                    self.collect()
-                    if group and (stop.asked or self._queue.full or not counts):
-                        break
-        finally:
-            self._todo.put_back(group)
+        with closing(cast(Generator[Shot, None, None], shots)) as sequence:
+            while (shot := self._next(sequence, group, stop)) is not None:
+                if not self._is_of(group[0], shot):
+                    break
+                counts = self._keep(group.popleft(), shot)
+                self.collect()
+                ends = stop.asked or self._queue.full or self._watch.findings or not counts
+                if group and ends:
+                    break
+        self._todo.put_back(group)
 
     def _may_follow(self, first: PlannedShot, shot: PlannedShot) -> bool:
         """Return whether a shot may be in the same sequence as the first one."""
@@ -335,10 +355,13 @@ class Recording:
         return dark and self._longer_is_known(shot)
 
     def _next(
-        self, sequence: Iterator[Shot], group: Sequence[PlannedShot], stop: StopRequest
+        self, sequence: Iterator[Shot], group: deque[PlannedShot], stop: StopRequest
     ) -> Shot | None:
         try:
             return next(sequence, None)
+        except DeviceGoneError:
+            self._todo.put_back(group)
+            raise
         except RigError as error:
             _end_if_stopped(stop, error)
             self._failed(group[0], error)

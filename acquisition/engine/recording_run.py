@@ -18,6 +18,7 @@ from acquisition.engine.recording_loop import (
     Stored,
 )
 from acquisition.engine.rejection import References
+from acquisition.engine.repeat_watch import RepeatWatch
 from acquisition.engine.stop_request import StoppedError, StopRequest
 from acquisition.engine.write_queue import WriteQueue
 from acquisition.pixels.quality import measure_quality
@@ -66,11 +67,12 @@ def carry_out(
 
     Raises
     ------
-    RigError, DataError, StorageError, KeyboardInterrupt
+    RigError, DataError, StorageError, NotAcceptedError, KeyboardInterrupt
         As `record` does.
     """
     # The first call compiles, which takes seconds; no LED may be on meanwhile.
     measure_quality(np.zeros((1, 1), np.uint16), white_level_dn=1)
+    watch = RepeatWatch(writer.folder, stall_s)
     with stop.by_ctrl_c(hooks.on_stop):
         queue: WriteQueue[Stored | None] = WriteQueue(
             writer.folder,
@@ -80,18 +82,20 @@ def carry_out(
             when_idle=writer.proofs.check_next,
         )
         try:
-            recording = Recording(rig, writer, plan, queue, hooks, references)
+            recording = Recording(rig, writer, plan, queue, hooks, references, watch)
             for name, details in events:
                 recording.event(name, **details)
             recording.run(stop)
             recording.wait_for_checks(stop)
-            recording.compare_repeat()
+            recording.compare_repeats()
         except BaseException as error:
             # LEDs off first, then finish the writes, then write the event.
             confirmed = _turn_leds_off(rig, error)
             if _finish_writes(queue, error):
                 _write_end(writer, error, leds_confirmed_off=confirmed)
             raise
+        finally:
+            watch.end(_PATIENCE_S)
         queue.end(_PATIENCE_S)
     writer.complete()
 

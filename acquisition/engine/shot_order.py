@@ -28,6 +28,11 @@ class Agenda:
         """The next shot; at least one must be left."""
         return self._shots[0]
 
+    @property
+    def lights_left(self) -> bool:
+        """Whether a light is among the shots."""
+        return any(shot.role == "light" for shot in self._shots)
+
     def take(self, also: Callable[[PlannedShot], bool] = lambda shot: False) -> deque[PlannedShot]:
         """Remove and return the next shot and the shots right after it for which ``also`` holds."""
         taken = deque([self._shots.popleft()])
@@ -42,10 +47,15 @@ class Agenda:
     def again(self, shot: PlannedShot) -> None:
         """Add a rejected shot again: before the shots compared with it, otherwise at the end.
 
-        The repeat stays after all lights, and flats after all others, since the white card covers
-        the object for them.
+        The last repeat stays after all lights, an earlier one is taken next. Flats stay after all
+        others, since the white card covers the object for them.
         """
-        end = sum(_rank(left) <= _rank(shot) for left in self._shots)
+        if shot.role == "repeat" and any(left.role == "repeat" for left in self._shots):
+            self._shots.appendleft(shot)
+            return
+        end = len(self._shots)
+        while end and _rank(self._shots[end - 1]) > _rank(shot):
+            end -= 1
         judged = (i for i, left in enumerate(self._shots) if _is_compared(left, shot))
         self._shots.insert(min(next(judged, end), end), shot)
 

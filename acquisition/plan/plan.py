@@ -122,6 +122,8 @@ class CapturePlan(BaseModel):
         Take the first light again after all others and before the flats. It shows whether the
         camera or the object moved or the light faded meanwhile, and is not used otherwise. A
         session that is resumed begins with a repeat of its last light.
+    repeat_every
+        Take the first light again after every so many lights, too; 0 for only at the end.
     gain_db
         Analogue gain, the same for all shots.
     sequence
@@ -142,6 +144,7 @@ class CapturePlan(BaseModel):
     ambient: _Flag = False
     flats: Annotated[int, Field(strict=True, ge=0, le=1000)] = 0
     repeat: _Flag = True
+    repeat_every: Annotated[int, Field(strict=True, ge=0, le=_MOST_SHOTS)] = 0
     gain_db: Annotated[float, Field(strict=True, ge=0, allow_inf_nan=False)] = 0.0
     sequence: _Flag = False
     retakes: Annotated[int, Field(strict=True, ge=0, le=100)] = 0
@@ -172,6 +175,8 @@ class CapturePlan(BaseModel):
             raise ValueError(
                 f"leds, exposures_us and repeats make {shots} shots: the limit is {_MOST_SHOTS}"
             )
+        if self.repeat_every and not self.repeat:
+            raise ValueError("repeat_every needs repeat = true")
         for led, exposures_us in self.exposures_by_led.items():
             if led not in leds:
                 raise ValueError(f"exposures_by_led: LED {led} is not one of leds")
@@ -274,7 +279,8 @@ class CapturePlan(BaseModel):
     def shots(self) -> tuple[PlannedShot, ...]:
         """Return the shots in the order in which they are taken.
 
-        These are dark frames, ambient frames, lights, the repeat of the first light, and flats.
+        These are dark frames, ambient frames, lights, and flats. Repeats of the first light are
+        after all lights, and after every `repeat_every` of them.
 
         The exposure time changes as rarely as possible, because cameras take time for it: first
         each LED's longest exposure, then its next, and within these all LEDs of one exposure time
@@ -300,8 +306,20 @@ class CapturePlan(BaseModel):
             for number, led in enumerate(self._flat_leds())
             for bracket in [self._from_longest(led)[rank]]
         ]
-        repeats = [replace(lit[0], role="repeat")] if self.repeat else []
-        return (*unlit, *lit, *repeats, *flats)
+        watched: list[PlannedShot] = []
+        for number, ends in enumerate(self.lights_before_repeats):
+            begins = len(watched) - number
+            again = replace(lit[0], role="repeat", repeat=number)
+            watched += [*lit[begins:ends], again]
+        return (*unlit, *(watched if self.repeat else lit), *flats)
+
+    @property
+    def lights_before_repeats(self) -> tuple[int, ...]:
+        """Number of lights that are taken before each repeat."""
+        if not self.repeat:
+            return ()
+        count = len(self.leds) * len(self.exposures_us) * self.repeats
+        return (*range(self.repeat_every or count, count, self.repeat_every or count), count)
 
     def _from_longest(self, led: int) -> list[int]:
         """Return the brackets sorted by the LED's exposure time, longest first."""

@@ -19,7 +19,7 @@ class PlannedShot:
     ----------
     role
         ``light`` (one LED is on), ``dark``, ``ambient`` (both with all LEDs off), ``flat`` (a
-        white card) or ``repeat`` (the first light again, after all others).
+        white card) or ``repeat`` (the first light again, after others).
     led
         Number from 0 of the LED that is on, None if all are off; None, too, for a flat under an
         unknown LED (a session without a plan).

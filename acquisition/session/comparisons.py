@@ -3,33 +3,56 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from acquisition.comparison import FrameComparison, compare_frames
 from acquisition.comparison.frame_comparison import LEAST_PX
 from acquisition.plan.planned_shot import ShotKey
 from acquisition.session.journal import COMPARED, EventLine
-from acquisition.session.manifest import CameraRecord
+from acquisition.session.manifest import CameraRecord, Manifest
 from acquisition.session.session_frame import SessionFrame
 from rig import Notice
 from rig.arrays import UInt16
 
+# Changes that are named, by quantity: pixels, and shares of the light, of the contrast and of the
+# image.
+_NAMED: Final = {"shift": 0.3, "gain": 0.01, "gain_spread": 0.01, "focus": 0.1, "other": 0.01}
 # A shift of 2 pixels of half of the images turns normals by 5.5 degrees, so this one by more than
-# 1 degree, and errors of 3 % of the lights turn them by about 1 degree.
+# 1 degree.
 _MOVED_PX: Final = 0.5
-_FADED: Final = 0.03
-_BLURRED: Final = 0.1
 # Less light than this is not the same light.
 _LOST: Final = 0.2
 _SURELY: Final = 3.0
+# An uneven light whose structure differs in less than this share of the image is of the same
+# object: lamps that moved by up to a quarter of their distance change less than 0.09, other objects
+# more than 0.35.
+_ALIKE: Final = 0.2
+# A change is sudden if at least this share of it came after the repeat before.
+_SUDDEN: Final = 0.5
 
 # Findings after which more frames would not fit those that were recorded before.
-USELESS: Final = frozenset({"frame-shifted", "light-lost", "object-changed"})
+USELESS: Final = frozenset({"frame-shifted", "light-lost", "light-turned", "object-changed"})
 
 Numbers = Mapping[str, Any]
+
+
+class RecordedFrames(Protocol):
+    """What is needed of a `Session`."""
+
+    @property
+    def manifest(self) -> Manifest:
+        """Content of ``session.toml``."""
+
+    @property
+    def frames(self) -> Sequence[SessionFrame]:
+        """The frames that count."""
+
+    @property
+    def events(self) -> Sequence[EventLine]:
+        """All events."""
 
 
 def compare_recorded(
@@ -96,57 +119,133 @@ def _numbers(compared: FrameComparison) -> dict[str, Any]:
         "other_fraction": known(compared.other_fraction),
         "other_box": None if compared.other_box is None else list(compared.other_box),
         "same_object": compared.same_object,
+        "gain_spread": known(compared.gain_spread),
+        "gain_spread_sigma": known(compared.gain_spread_sigma),
+        "unlike_fraction": known(compared.unlike_fraction),
     }
 
 
-def findings(details: Numbers) -> list[Notice]:
+def findings(details: Numbers, earlier: Sequence[Numbers] = ()) -> list[Notice]:
     """Return what a comparison says about a recording; empty if nothing moved or faded.
 
     Parameters
     ----------
     details
         Details of the event ``compared``.
+    earlier
+        Those of the earlier repeats of the same light, in order: what they showed already is not
+        named again.
     """
-    since = f"since {details['light']}"
-    file = details["file"]
+    file, light = details["file"], details["light"]
     where = "" if file is None else f"frames/{file}"
+    found: list[Notice] = []
+    changes = _changes(details, earlier)
+    since = {kind: f"since {light}{_when(kind, details, earlier)}" for kind in changes}
     gain, sigma = details["gain"], details["gain_sigma"] or 0.0
     if gain is not None and gain < _LOST:
-        text = f"the light fell to {gain:.1%} {since}: check the LED, the lens cap and the object"
-        return [Notice("light-lost", text, where)]
-    found = []
+        if "gain" in changes:
+            text = f"the light fell to {gain:.1%} {since['gain']}: check the LED, the lens cap and "
+            found.append(Notice("light-lost", f"{text}the object", where))
+        return found
+    same, uneven = details["same_object"], _is_uneven(details)
     right, down = details["shift_px"]
-    if None not in (right, down):
+    if "shift" in changes:
         distance, sure = math.hypot(right, down), math.hypot(*details["shift_sigma_px"])
-        if distance > _MOVED_PX and distance > _SURELY * sure:
-            text = (
-                f"the camera or the object moved by {distance:.2f} +- {sure:.2f} px "
-                f"({_side(right, 'right', 'left')}, {_side(down, 'down', 'up')}) {since}: put it "
-                "back, or record again"
-            )
+        text = (
+            f"the camera or the object moved by {distance:.2f} +- {sure:.2f} px "
+            f"({_side(right, 'right', 'left')}, {_side(down, 'down', 'up')}) {since['shift']}: put "
+            "it back, or record again"
+        )
+        if distance > _MOVED_PX:
             found.append(Notice("frame-shifted", text, where))
-    if details["other_fraction"] is not None and not details["same_object"]:
+        elif not uneven:  # another direction of the light moves the shading by less
+            found.append(Notice("frame-drifted", text, where))
+    if uneven and {"gain_spread", "other"} & changes.keys():
+        spread, sure = details["gain_spread"], details["gain_spread_sigma"]
+        when = since.get("gain_spread", since.get("other"))
+        text = (
+            f"the light changed by {gain - 1:+.1%}, and unevenly by {spread:.1%} +- {sure:.1%}, "
+            f"{when}: its LED or the object turned; put it back, or record again"
+        )
+        if same:
+            found.append(Notice("light-changed", text, where))
+        else:
+            found.append(Notice("light-turned", text, where))
+    if "other" in changes and not same and not uneven:
         left, top, end, bottom = details["other_box"]
         text = (
-            f"{details['other_fraction']:.0%} of the image does not fit {details['light']} "
-            f"(columns {left} to {end - 1}, rows {top} to {bottom - 1}): another object, or a part "
-            "of it moved; put it back, or record again"
+            f"{details['other_fraction']:.0%} of the image does not fit {light} (columns {left} to "
+            f"{end - 1}, rows {top} to {bottom - 1}){_when('other', details, earlier)}: another "
+            "object, or a part of it moved; put it back, or record again"
         )
         found.append(Notice("object-changed", text, where))
-    if gain is not None and abs(gain - 1) > max(_FADED, _SURELY * sigma):
+    if "gain" in changes and not uneven:
         text = (
-            f"the light changed by {gain - 1:+.1%} +- {sigma:.1%} {since}: let the LEDs warm up, "
-            "and check their power supply and the room light"
+            f"the light changed by {gain - 1:+.1%} +- {sigma:.1%} {since['gain']}: let the LEDs "
+            "warm up, and check their power supply and the room light"
         )
         found.append(Notice("light-changed", text, where))
-    focus, sigma = details["focus"], details["focus_sigma"] or 0.0
-    if focus is not None and abs(focus - 1) > max(_BLURRED, _SURELY * sigma):
+    if "focus" in changes:
+        focus, sigma = details["focus"], details["focus_sigma"] or 0.0
         text = (
-            f"the finest structure has {focus:.0%} +- {sigma:.0%} of its contrast {since}: fasten "
-            "the focus ring"
+            f"the finest structure has {focus:.0%} +- {sigma:.0%} of its contrast "
+            f"{since['focus']}: fasten the focus ring"
         )
         found.append(Notice("focus-changed", text, where))
     return found
+
+
+def _is_uneven(details: Numbers) -> bool:
+    """Return whether the same object was lit from another direction."""
+    value, sigma = _value("gain_spread", details)
+    alike = (details.get("unlike_fraction") or 0.0) < _ALIKE
+    return value is not None and alike and _exceeds("gain_spread", value, sigma)
+
+
+def _value(kind: str, details: Numbers) -> tuple[complex | None, float]:
+    """Return the deviation of a quantity from the light, and its standard deviation."""
+    if kind == "shift":
+        right, down = details["shift_px"]
+        if None in (right, down):
+            return None, 0.0
+        return complex(right, down), math.hypot(*details["shift_sigma_px"])
+    if kind == "other":
+        return details["other_fraction"], 0.0
+    value, sigma = details.get(kind), details.get(f"{kind}_sigma") or 0.0
+    return (value if value is None or kind == "gain_spread" else value - 1), sigma
+
+
+def _exceeds(kind: str, change: complex, sigma: float) -> bool:
+    return abs(change) > max(_NAMED[kind], _SURELY * sigma)
+
+
+def _changes(details: Numbers, earlier: Sequence[Numbers]) -> dict[str, complex]:
+    """Return the changes to name since the light, or since they were named for the last time."""
+    new: dict[str, complex] = {}
+    for kind in _NAMED:
+        named: complex = 0
+        for one in (*earlier, details):
+            value, sigma = _value(kind, one)
+            new.pop(kind, None)
+            if value is None:
+                continue
+            far = kind == "shift" and abs(named) <= _MOVED_PX < abs(value)
+            if _exceeds(kind, value - named, sigma) or (far and _exceeds(kind, value, sigma)):
+                new[kind], named = value - named, value
+    return new
+
+
+def _when(kind: str, details: Numbers, earlier: Sequence[Numbers]) -> str:
+    """Return when a change happened, as far as the repeat before shows it."""
+    if not earlier or details.get("lights_before") is None:
+        return ""
+    now, before = _value(kind, details)[0], _value(kind, earlier[-1])[0]
+    if now is None or before is None or earlier[-1].get("lights_before") is None:
+        return ""
+    if abs(now - before) < _SUDDEN * abs(now):
+        return ", gradually"
+    numbers = earlier[-1]["lights_before"], details["lights_before"]
+    return f", between the lights {numbers[0]} and {numbers[1]}"
 
 
 def _side(px: float, positive: str, negative: str) -> str:
@@ -163,36 +262,54 @@ def comparison_notices(folder: Path, events: Iterable[EventLine]) -> list[Notice
     return [
         replace(one, where=str(folder / one.where))
         for details in last.values()
-        for one in findings(details)
+        for one in findings(details, earlier_repeats(details, last.values()))
     ]
 
 
-def compared_repeat(
-    camera: CameraRecord,
-    frames: Iterable[SessionFrame],
-    events: Iterable[EventLine],
-) -> dict[str, Any] | None:
-    """Compare the repeat of a session with its light, unless the journal has this comparison.
+def earlier_repeats(details: Numbers, comparisons: Iterable[Numbers]) -> list[Numbers]:
+    """Return the comparisons of repeats of the same light before that of ``details``."""
+    number = details.get("lights_before")
+    if number is None:
+        return []
+    alike = (one for one in comparisons if one["light"] == details["light"])
+    known = [one for one in alike if (one.get("lights_before") or number) < number]
+    return sorted(known, key=lambda one: one["lights_before"])
 
-    Returns
-    -------
-    dict or None
+
+def compared_repeats(session: RecordedFrames, only: str | None = None) -> Iterator[dict[str, Any]]:
+    """Compare repeats with their light, unless the journal has this comparison.
+
+    Parameters
+    ----------
+    session
+        The session.
+    only
+        Path of a frame as in its line, to compare no other.
+
+    Yields
+    ------
+    dict
         Details of the event ``compared``.
 
     Raises
     ------
     DataError
-        If one of the two frames is damaged.
+        If a frame is damaged.
     """
-    by_key: dict[ShotKey, SessionFrame] = {frame.line.key: frame for frame in frames}
-    repeat = next((frame for frame in by_key.values() if frame.role == "repeat"), None)
-    if repeat is None:
-        return None
-    light = by_key.get(("light", *repeat.line.key[1:]))
-    if light is None:
-        return None
-    names = Path(repeat.line.file).name, Path(light.line.file).name
-    done = (line.details for line in events if line.event == COMPARED)
-    if any((one.get("file"), one.get("light")) == names for one in done):
-        return None
-    return compare_recorded(light, repeat.read(), camera, by_key.values(), names[0])
+    plan = session.manifest.plan
+    lights_before = () if plan is None else plan.lights_before_repeats
+    by_key: dict[ShotKey, SessionFrame] = {frame.line.key: frame for frame in session.frames}
+    done = [line.details for line in session.events if line.event == COMPARED]
+    pairs = {(one.get("file"), one.get("light")) for one in done}
+    for repeat in session.frames:
+        light = by_key.get(("light", repeat.line.led, repeat.bracket, 0))
+        if repeat.role != "repeat" or light is None or only not in (None, repeat.line.file):
+            continue
+        names = Path(repeat.line.file).name, Path(light.line.file).name
+        if names in pairs:
+            continue
+        details = compare_recorded(
+            light, repeat.read(), session.manifest.camera, session.frames, names[0]
+        )
+        if details is not None:
+            yield {**details, "lights_before": lights_before[repeat.line.repeat]}

@@ -132,6 +132,10 @@ class _Compared(_AtLeast):
     other_fraction: _Fraction | None
     other_box: Annotated[list[int], Field(min_length=4, max_length=4)] | None
     same_object: bool
+    gain_spread: float | None = None
+    gain_spread_sigma: float | None = None
+    unlike_fraction: _Fraction | None = None
+    lights_before: _Count | None = None
 
     @model_validator(mode="after")
     def _located(self) -> Self:

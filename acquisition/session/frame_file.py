@@ -37,7 +37,10 @@ class FrameNames:
 
     def __init__(self, folder: Path, plan: CapturePlan | None, taken: Iterable[str] = ()) -> None:
         self._folder = folder
-        self._first_retake = 1 if plan is None else max(plan.repeats, plan.flats)
+        self._first_retake = 1
+        if plan is not None:
+            repeats = len(plan.lights_before_repeats)
+            self._first_retake = max(plan.repeats, plan.flats, repeats)
         self._taken = set(taken)
         self._lock = threads.Lock()
 

@@ -28,10 +28,10 @@ from acquisition.values.noise_model import NoiseModel
 from rig import Mounting
 from rig.host import clock
 
-FORMAT_VERSION: Final = 5
-_READ: Final = (1, 2, 3, 4, FORMAT_VERSION)
+FORMAT_VERSION: Final = 6
+_READ: Final = (1, 2, 3, 4, 5, FORMAT_VERSION)
 # Versions that this program can write: a session of an older version keeps its version.
-_WRITTEN: Final = (2, 3, 4, FORMAT_VERSION)
+_WRITTEN: Final = (2, 3, 4, 5, FORMAT_VERSION)
 # Keys that a version added, by table; "" is the file itself. Version 4 also has another form of the
 # lights.
 _ADDED: Final[dict[int, dict[str, tuple[str, ...]]]] = {
@@ -52,6 +52,7 @@ _ADDED: Final[dict[int, dict[str, tuple[str, ...]]]] = {
         "camera": ("black_levels_dn",),
     },
     5: {"plan": ("repeat",)},
+    6: {"plan": ("repeat_every",)},
 }
 
 # Devices and driver of the simulator, by the names that they report.
@@ -221,7 +222,7 @@ class Manifest(Table):
     session without it is linear.
     """
 
-    format_version: Literal[1, 2, 3, 4, 5] = FORMAT_VERSION
+    format_version: Literal[1, 2, 3, 4, 5, 6] = FORMAT_VERSION
     started_utc: AwareDatetime
     operator: str
     object: str
@@ -265,7 +266,9 @@ class Manifest(Table):
         """
         if self.rig is not None:
             asked, _ = asked.without(self.rig.dead_leds)
-        return asked.changed(repeat=False) if self.format_version < 5 else asked
+        if self.format_version < 6:
+            asked = asked.changed(repeat_every=0, repeat=asked.repeat and self.format_version > 4)
+        return asked
 
     def check_current(self, folder: Path) -> None:
         """Refuse to continue a session of a format version that this program does not write.

@@ -9,7 +9,7 @@ open_line = serial.Serial
 
 
 def ports() -> dict[str, str]:
-    """Return the serial ports, each with what tells its device from others of the same kind.
+    """Return the serial ports, each with what identifies its device among others of its kind.
 
     This is the serial number of a USB device, or else the socket into which it is plugged.
     """

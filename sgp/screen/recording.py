@@ -82,6 +82,11 @@ class ShownRecording(Audience):
         if text is not None:
             self._say({"severity": "note", "text": text})
 
+    @property
+    def answers(self) -> bool:
+        """Whether someone can answer questions: the page does."""
+        return True
+
     def question(self, finding: rigs.Notice) -> bool:
         """Ask whether to continue after a finding."""
         self.notice(finding)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 from cyclopts import Parameter
 
 import acquisition
 import rig as rigs
+from sgp.cli.console import report
 from sgp.sessions.audience import Audience
 
 Code = Literal[
@@ -16,6 +17,7 @@ Code = Literal[
     "exposure-too-dark",
     "frame-shifted",
     "light-lost",
+    "light-turned",
     "object-changed",
     "room-light-strong",
 ]
@@ -23,23 +25,34 @@ Accepted = Annotated[tuple[Code, ...], Parameter(negative=(), consume_multiple=F
 
 
 class Acceptance:
-    """Answers whether to continue after findings that make a recording useless.
+    """Answers whether to continue after findings.
 
     Parameters
     ----------
     codes
         Codes of the findings that are accepted.
     audience
-        Asked about others.
+        Asked about others, once for each code.
     """
 
     def __init__(self, codes: Sequence[Code] = (), audience: Audience | None = None) -> None:
-        self._codes = codes
+        self._codes: set[str] = {*codes}
         self._audience = audience or Audience()
 
     def __call__(self, finding: rigs.Notice) -> bool:
-        """Return whether a finding is accepted."""
-        return finding.code in self._codes or self._audience.question(finding)
+        """Return whether a finding is accepted.
+
+        Findings that do not make a recording useless are accepted if the audience cannot answer.
+        """
+        if finding.code in self._codes:
+            return True
+        if finding.code not in get_args(Code) and not self._audience.answers:
+            report(finding)
+            return True
+        if not self._audience.question(finding):
+            return False
+        self._codes.add(finding.code)
+        return True
 
     def require(self, finding: rigs.Notice) -> None:
         """Refuse a finding that is not accepted.

@@ -38,8 +38,13 @@ class Audience(Listener):
     def journal(self, name: str, details: Mapping[str, Any]) -> None:
         """Hear of an event of the journal."""
 
+    @property
+    def answers(self) -> bool:
+        """Whether someone can answer questions."""
+        return _is_attended()
+
     def question(self, finding: rigs.Notice) -> bool:
-        """Return whether to continue after a finding that makes a recording useless."""
+        """Return whether to continue after a finding."""
         if not _is_attended():
             return False
         _forget_keys()

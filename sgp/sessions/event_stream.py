@@ -79,6 +79,11 @@ class EventStream(Audience):
         """State a notice."""
         write_event("notice", **asdict(notice))
 
+    @property
+    def answers(self) -> bool:
+        """Whether someone can answer questions: the stream does not."""
+        return False
+
     def question(self, finding: rigs.Notice) -> bool:
         """State a question, which only ``--accept`` answers."""
         write_event("question", **asdict(finding))

@@ -14,6 +14,7 @@ import os
 import random
 import shutil
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -72,9 +73,7 @@ class Disk:
         self._pause = pause
         self._top = _Node(True)
         self._changes: list[_Change] = []
-        self._open: dict[int, tuple[_Node, bool]] = {}
-        self._owners: dict[int, object] = {}
-        self.owner: Callable[[], object] = lambda: None
+        self._open: dict[int, tuple[_Node, os.stat_result]] = {}
         self.faults: dict[DiskFault, float] = {}
 
     def repair(self) -> None:
@@ -93,21 +92,20 @@ class Disk:
             known = _Node(False)
             self._change((path, known))
         if known is not None and (changes or known.is_folder):
-            self._open[descriptor] = known, bool(flags & os.O_APPEND)
+            self._open[descriptor] = known, os.fstat(descriptor)
         else:
             self._open.pop(descriptor, None)
-        self._owners[descriptor] = self.owner()
         return descriptor
 
     def close(self, descriptor: int) -> None:
         """As `os.close`."""
         self._step("close")
-        self._forget(descriptor)
+        self._open.pop(descriptor, None)
         os.close(descriptor)
 
     def write(self, descriptor: int, data: bytes | memoryview) -> int:
         """As `os.write`."""
-        node = self._open.get(descriptor, (None, False))[0]
+        node, *_ = self._open.get(descriptor, (None,))
         at = len(node.content) if node is not None else 0
         return self._write(descriptor, bytes(data), at, os.write)
 
@@ -125,7 +123,7 @@ class Disk:
             self._step("fsync ends")
         if self.faults.pop("flush-fails", None) is not None:
             raise OSError(errno.EIO, os.strerror(errno.EIO))
-        node, _ = self._open.get(descriptor, (None, False))
+        node, *_ = self._open.get(descriptor, (None,))
         if node is None:
             return
         node.certain, node.writes = bytes(node.content), []
@@ -159,13 +157,14 @@ class Disk:
         os.mkdir(path, mode)
         self._change((path, _Node(True)))
 
-    def close_all(self, owner: object) -> None:
-        """Close what a dead program has left open, as the operating system does."""
-        for descriptor in [one for one, by in self._owners.items() if by is owner]:
+    def close_all(self) -> None:
+        """Close what dead programs have left open, as the operating system does."""
+        for descriptor, (_, opened) in self._open.items():
             # A reader may have closed it without this class, and the number may be in use again.
-            if descriptor in self._open and self._is_same(descriptor):
-                os.close(descriptor)
-            self._forget(descriptor)
+            with suppress(OSError):
+                if os.path.samestat(os.fstat(descriptor), opened):
+                    os.close(descriptor)
+        self._open.clear()
 
     def power_loss(self) -> None:
         """Leave only what is certain, and some of what is not."""
@@ -228,7 +227,7 @@ class Disk:
             data = data[:room]
             self.faults["full"] = room - len(data)
         done = call(descriptor, data)
-        node, _ = self._open.get(descriptor, (None, False))
+        node, *_ = self._open.get(descriptor, (None,))
         if node is not None:
             node.content[at : at + done] = data[:done]
             node.writes.append((at, data[:done]))
@@ -237,17 +236,6 @@ class Disk:
     def _refuse(self, path: str | Path) -> None:
         if "read-only" in self.faults:
             raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(path) or None)
-
-    def _forget(self, descriptor: int) -> None:
-        self._open.pop(descriptor, None)
-        self._owners.pop(descriptor, None)
-
-    def _is_same(self, descriptor: int) -> bool:
-        try:
-            os.fstat(descriptor)
-        except OSError:
-            return False
-        return True
 
     def _holds(self, path: str | Path) -> bool:
         return self.root in Path(os.path.abspath(path)).parents

@@ -140,7 +140,7 @@ class WorldBoard:
     def _advance(self) -> None:
         now_ns = self._scheduler.now_ns
         if not self.present:
-            self.board.advance(now_ns)  # nobody hears it
+            self.board.advance(now_ns)  # no host hears it
             self._forget_bytes()
             return
         try:

@@ -88,7 +88,6 @@ class World:
         self.scheduler = Scheduler(schedule.seed, self._step)
         (folder / "disk").mkdir()
         self.disk = Disk(folder / "disk", self.scheduler.random, self.scheduler.step, self._pause)
-        self.disk.owner = lambda: self.scheduler.program
         self.board = WorldBoard(self.scheduler, leds)
         self.camera: WorldCamera | None = None
         self.camera_faults: dict[int, CameraFault] = {}
@@ -107,26 +106,26 @@ class World:
         self._log = log
         self._clock_off = timedelta()
         self.powered = True
-        self.programs: list[Program] = []
         self.rotted: set[str] = set()
 
     def run(self, name: str, main: Callable[[], object]) -> Program:
         """Run a program in the world to its end, or until it or the power is gone."""
         self.powered = True
-        with self._installed():
-            ended = self.scheduler.run(name, main)
-        self._end(ended)
-        return ended
+        try:
+            with self._installed():
+                return self.scheduler.run(name, main)
+        finally:
+            self._end()
 
     @contextmanager
     def inside(self) -> Iterator[None]:
         """Make the calling thread a program of the world in the block, as a fixture needs it."""
         self.powered = True
         try:
-            with self._installed(), self.scheduler.inside("block") as program:
+            with self._installed(), self.scheduler.inside("block"):
                 yield
         finally:
-            self._end(program)
+            self._end()
 
     def open_rig(self) -> Rig:
         """Open the rig of the world; to be called in it."""
@@ -239,7 +238,7 @@ class World:
             for one in self._running():
                 scheduler.kill(one)
         elif kind == "second" and self.second is not None:
-            self.programs.append(scheduler.start("second", self.second))
+            scheduler.start("second", self.second)
         elif place == "program":
             for one in self._running()[:1]:
                 if kind == "SIGKILL":
@@ -247,9 +246,9 @@ class World:
                 else:
                     one.pending.append(getattr(signal, kind))
 
-    def _end(self, ended: Program) -> None:
-        for one in [ended, *self.programs]:
-            self.disk.close_all(one)
+    def _end(self) -> None:
+        """Clean up after the last program."""
+        self.disk.close_all()
         lights_off.watched.clear()
         if not self.powered:
             self.disk.power_loss()

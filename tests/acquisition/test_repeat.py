@@ -328,7 +328,7 @@ def test_an_end_before_the_comparison_is_written_is_made_up_for(
         raise error
 
     with monkeypatch.context() as patched:
-        patched.setattr(recording_loop, "compared_repeat", fail)
+        patched.setattr(recording_loop, "compared_repeats", fail)
         with pytest.raises(kind):
             record(stand, PLAN, tmp_path / "s", LABELS)
     assert scene.led is None

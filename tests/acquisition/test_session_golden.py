@@ -56,6 +56,7 @@ FOLDERS = {
     3: Path(__file__).parent / "golden_session_3",
     4: Path(__file__).parent / "golden_session_4",
     5: Path(__file__).parent / "golden_session_5",
+    6: Path(__file__).parent / "golden_session_6",
 }
 NEWEST = FOLDERS[FORMAT_VERSION]
 EVERY = pytest.mark.parametrize("version", FOLDERS)
@@ -83,7 +84,7 @@ LIGHTS = Lights(
 
 COMPARED = {
     "file": "R_L03_E0.tif",
-    "light": "L03_E0_R1.tif",
+    "light": "L03_E0_R2.tif",
     "shift_px": [2.25, -1.5],
     "shift_sigma_px": [0.02, 0.03],
     "gain": 0.875,
@@ -93,7 +94,13 @@ COMPARED = {
     "other_fraction": 0.0,
     "other_box": None,
     "same_object": True,
+    "gain_spread": 0.0,
+    "gain_spread_sigma": 0.001,
+    "unlike_fraction": 0.0,
+    "lights_before": 3,
 }
+# What the first repeat shows, and a shift after it.
+LATER = {"file": "R_L03_E0_R1.tif", "shift_px": [2.25, 0.5], "lights_before": 4}
 
 
 def samples_of(file: bytes) -> bytes:
@@ -128,6 +135,7 @@ def write(folder: Path) -> None:
             exposures_us=(100.0, 12.5),
             exposures_by_led={0: (40.0, 12.5)},
             flats=1,
+            repeat_every=3,
             gain_db=1.5,
             sequence=True,
             retakes=2,
@@ -200,6 +208,7 @@ def write(folder: Path) -> None:
         for number, shot in enumerate(writer.missing, 60):
             writer.write_frame(shot, pixels_of(number), report=CameraReport(frame_id=number))
         writer.write_event("compared", **COMPARED)
+        writer.write_event("compared", **{**COMPARED, **LATER})
         writer.complete()
 
 
@@ -379,6 +388,31 @@ def test_reading_the_golden_session_of_version_5() -> None:
         assert not plan.repeat
 
 
+def test_reading_the_golden_session_of_version_6() -> None:
+    """Version 6 has several repeats; what one showed is not named again for the next."""
+    found = verify_session(FOLDERS[6])
+    assert (found.problems, found.complete) == ((), True)
+    assert [(one.code, Path(one.where).name) for one in found.warnings] == [
+        ("frame-shifted", "R_L03_E0.tif"),
+        ("light-changed", "R_L03_E0.tif"),
+        ("frame-shifted", "R_L03_E0_R1.tif"),
+    ]
+    assert "(2.25 right, 0.50 down) since L03_E0_R2.tif, between the lights 3 and 4: put" in (
+        found.warnings[2].text
+    )
+    session = Session.open(FOLDERS[6])
+    roles = [frame.role for frame in session.frames]
+    assert roles.count("repeat") == 2
+    assert "repeat" not in {frame.role for frame in read_source(FOLDERS[6]).frames}
+    plan = session.manifest.plan
+    assert plan is not None
+    assert (plan.repeat_every, plan.lights_before_repeats) == (3, (3, 4))
+    for version in (1, 2, 3, 4, 5):
+        plan = Session.open(FOLDERS[version]).manifest.plan
+        assert plan is not None
+        assert plan.repeat_every == 0
+
+
 @EVERY
 def test_the_golden_session_is_read_after_moving(version: int, tmp_path: Path) -> None:
     shutil.copytree(FOLDERS[version], tmp_path / "moved")
@@ -415,7 +449,9 @@ def test_a_session_of_an_unsupported_version_is_not_continued() -> None:
     old, *newer = (Session.open(folder) for folder in FOLDERS.values())
     for session in newer:
         session.manifest.check_current(session.folder)
-    with pytest.raises(DataError, match=r"has format version 1, this program writes 2, 3, 4 and 5"):
+    with pytest.raises(
+        DataError, match=r"has format version 1, this program writes 2, 3, 4, 5 and 6"
+    ):
         old.manifest.check_current(old.folder)
 
 

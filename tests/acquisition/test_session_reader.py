@@ -106,11 +106,11 @@ def broken_middle(folder: Path) -> None:
 
 INVALID_SESSIONS = {
     "newer-version": (
-        toml_with("format_version = 5", "format_version = 6"),
+        toml_with("format_version = 6", "format_version = 7"),
         "session.toml",
-        "format version 6 is unknown, this program reads 1, 2, 3, 4 and 5",
+        "format version 7 is unknown, this program reads 1, 2, 3, 4, 5 and 6",
     ),
-    "no-version": (toml_with("format_version = 5\n", ""), "session.toml", "version None"),
+    "no-version": (toml_with("format_version = 6\n", ""), "session.toml", "version None"),
     "unknown-key": (
         toml_with("[camera]", 'colour = "red"\n[camera]'),
         "session.toml",

@@ -13,6 +13,7 @@ import pytest
 import acquisition
 import processing
 from benchmarks.paper import superres as bench
+from benchmarks.paper import superres_maps, superres_peers
 from benchmarks.paper import superres_tables as tables
 from benchmarks.paper.__main__ import main
 from benchmarks.paper.superres_judge import Judgement, judge
@@ -130,8 +131,23 @@ def test_networks_of_a_folder_are_those_of_the_scale(tmp_path) -> None:
         bench.networks(tmp_path, 4)
 
 
+@pytest.fixture
+def small(monkeypatch) -> None:
+    """Use small and few surfaces."""
+    for module, name, value in (
+        (bench, "_COST_PX", 200),
+        (bench, "_RANDOM_PX", 96),
+        (bench, "_QUICK_RANDOM", 2),
+        (superres_maps, "_QUICK_PX", 128),
+        (superres_peers, "SIDE_PX", 128),
+        (superres_peers, "_SEEDS", range(1000, 1002)),
+        (superres_peers, "_HELD_OUT_PX", 96),
+    ):
+        monkeypatch.setattr(module, name, value)
+
+
 @pytest.mark.slow
-@pytest.mark.timeout(900)
+@pytest.mark.usefixtures("small")
 def test_all_tables_are_written(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.delenv("SGP_DATA", raising=False)
     assert main(["--table", "superres", "--out", str(tmp_path), "--quick"]) == 0

@@ -10,8 +10,8 @@ from processing.images.viewing_rays import Parallel
 from processing.series.ambient_light import find_ambient_light
 from tests.cases import cases
 
-SIZE = (56, 60)
-VIEW = Parallel(1.0, SIZE, ((SIZE[1] - 1) / 2, (SIZE[0] - 1) / 2))
+SIZE = (40, 42)
+VIEW = Parallel(1.4, SIZE, ((SIZE[1] - 1) / 2, (SIZE[0] - 1) / 2))
 ACROSS, UP, _ = np.moveaxis(VIEW.points_at(0.0), 2, 0)
 RADIUS = 34.0
 MASK = ACROSS**2 + UP**2 < 26**2

@@ -132,12 +132,11 @@ def test_deviations_of_normals_count(tmp_path):
         assert plain.extremes != found.extremes
 
 
-@pytest.mark.parametrize("rows", [32, 48])
-def test_jumps_cross_the_borders_of_blocks(tmp_path, rows):
+def test_jumps_cross_the_borders_of_blocks(tmp_path):
     normal_map, truth = horn(240)
     whole = integrate(normal_map)
     with opened(tmp_path, normal_map.size) as store:
-        found = integrate_in_blocks(normal_map, store, rows=rows)
+        found = integrate_in_blocks(normal_map, store, rows=32)
         assert found.blocks.number > 2
         errors = [
             np.abs(off - np.median(off)).mean()

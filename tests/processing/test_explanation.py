@@ -16,7 +16,7 @@ from processing.checks import Verdict
 from rig.arrays import Float64
 from tests.cases import cases
 
-HEIGHT, WIDTH = 112, 128
+HEIGHT, WIDTH = 84, 96
 ABOVE_MM = 450.0
 # Samples of radiance, where 1 is white.
 SCALE = 1.5

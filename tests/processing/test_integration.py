@@ -235,7 +235,8 @@ def test_implausible_depths_are_refused() -> None:
 
 
 # Large limits: least squares cannot recover depth steps at occlusions.
-LIMITS_MM = {"bear": 1.2, "buddha": 3.7, "cat": 1.6, "cow": 0.89, "goblet": 11.6}
+# The depths of all objects are compared in tests/benchmarks/test_paper_tables.py.
+LIMITS_MM = {"bear": 1.2, "cow": 0.89}
 
 
 @needs_data

@@ -11,8 +11,8 @@ from processing.images.viewing_rays import Parallel
 from processing.series.light_distance import LightDistance, find_light_distance
 from tests.cases import cases
 
-SIZE = (44, 52)
-PIXEL_MM = 3.5
+SIZE = (34, 40)
+PIXEL_MM = 4.5
 VIEW = Parallel(PIXEL_MM, SIZE, ((SIZE[1] - 1) / 2, (SIZE[0] - 1) / 2))
 ACROSS, UP, _ = np.moveaxis(VIEW.points_at(0.0), 2, 0)
 MASK = (ACROSS / 85) ** 2 + (UP / 70) ** 2 < 1

@@ -19,7 +19,7 @@ from sgp.results import COMMANDS, check_metrics
 from sgp.results.metrics import RECORD_FORMAT
 from tests.real_data import DATA
 from tests.sgp.chromium import Browser
-from tests.sgp.small_rig import RIG, capture
+from tests.sgp.small_rig import RIG, WORLD_RIG, capture
 from tests.sgp.virtual_bench import Bench
 
 SIZE = (40, 48)
@@ -160,8 +160,16 @@ def uw_lights(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def rig(tmp_path: Path) -> Path:
-    """A rig file of the small simulated rig."""
+def rig(simulated_world: None, tmp_path: Path) -> Path:
+    """A rig file of the small simulated rig, which the test uses in virtual time."""
+    path = tmp_path / "rig.toml"
+    path.write_text(WORLD_RIG, encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def real_rig(tmp_path: Path) -> Path:
+    """A rig file of the small simulated rig with its processes, for programs that tests start."""
     path = tmp_path / "rig.toml"
     path.write_text(RIG, encoding="utf-8")
     return path

@@ -19,6 +19,8 @@ width = 64
 height = 52
 seed = 3
 """
+# The same rig for a test in virtual time.
+WORLD_RIG = RIG + 'camera = "inside"\nrealtime = false\n'
 CAPTURE = [sys.executable, "-c", "from sgp import capture; capture()"]
 
 
@@ -51,3 +53,16 @@ def interrupted(words, file: Path, cwd: Path | None = None) -> str:
     assert process.returncode == 130, message
     assert "Traceback" not in message
     return message
+
+
+def press_ctrl_c(world, *, before: str) -> None:
+    """Send SIGINT to the program that is about to rename a file to this name; in virtual time."""
+    on_step = world.scheduler.on_step
+
+    def press(name: str) -> None:
+        on_step(name)
+        if name == f"rename to {before}":
+            world.scheduler.on_step = on_step
+            world.scheduler.program.pending.append(signal.SIGINT)
+
+    world.scheduler.on_step = press

@@ -12,7 +12,9 @@ import pytest
 from acquisition import Session
 from sgp.sessions import audience
 from tests.cases import cases
-from tests.sgp.small_rig import CAPTURE, events, interrupted
+from tests.sgp.small_rig import capture, events, press_ctrl_c
+
+pytestmark = pytest.mark.usefixtures("simulated_world")
 
 RIG = """
 name = "desk"
@@ -24,14 +26,13 @@ width = 160
 height = 128
 seed = 3
 camera = "inside"
-realtime = {realtime}
+realtime = false
 """
 
 
-def rig_file(folder: Path, scene: str = "coin", *, realtime: bool = False, more: str = "") -> Path:
+def rig_file(folder: Path, scene: str | Path = "coin") -> Path:
     path = folder / "rig.toml"
-    text = RIG.format(scene=scene, realtime=str(realtime).lower())
-    path.write_text(text + more, encoding="utf-8")
+    path.write_text(RIG.format(scene=scene), encoding="utf-8")
     return path
 
 
@@ -126,13 +127,13 @@ elevation_deg = 45
 """
 
 
-def test_a_session_is_not_resumed_with_another_object(sgp, tmp_path):
+def test_a_session_is_not_resumed_with_another_object(sgp, world, tmp_path):
     scene = tmp_path / "scene.toml"
     scene.write_text(OBJECT.format(seed=1), encoding="utf-8")
-    rig, out = rig_file(tmp_path, str(scene), realtime=True), tmp_path / "s"
-    # The exposures are long enough to be interrupted.
-    words = ("--rig", rig, "--plan", plan_file(tmp_path, 20_000.0, "repeats = 20"))
-    interrupted((*CAPTURE, "run", out, *words, "--skip-check"), out / "frames" / "L02_E0.tif")
+    rig, out = rig_file(tmp_path, scene), tmp_path / "s"
+    press_ctrl_c(world, before="L02_E0.tif")
+    words = ("--rig", rig, "--plan", plan_file(tmp_path, 20_000.0))
+    assert capture(sgp, out, *words).code == 130
     before = (out / "journal.jsonl").read_bytes()
     missing = len(Session.open(out).missing)
     scene.write_text(OBJECT.format(seed=2), encoding="utf-8")
@@ -154,12 +155,13 @@ def test_a_session_is_not_resumed_with_another_object(sgp, tmp_path):
     assert sgp("capture", "verify", out).ok()
 
 
-def test_another_object_can_be_accepted(sgp, tmp_path):
+def test_another_object_can_be_accepted(sgp, world, tmp_path):
     scene = tmp_path / "scene.toml"
     scene.write_text(OBJECT.format(seed=1), encoding="utf-8")
-    rig, out = rig_file(tmp_path, str(scene), realtime=True), tmp_path / "s"
-    words = ("--rig", rig, "--plan", plan_file(tmp_path, 20_000.0, "repeats = 20"))
-    interrupted((*CAPTURE, "run", out, *words, "--skip-check"), out / "frames" / "L02_E0.tif")
+    rig, out = rig_file(tmp_path, scene), tmp_path / "s"
+    press_ctrl_c(world, before="L02_E0.tif")
+    words = ("--rig", rig, "--plan", plan_file(tmp_path, 20_000.0))
+    assert capture(sgp, out, *words).code == 130
     scene.write_text(OBJECT.format(seed=2), encoding="utf-8")
     resume = ("capture", "resume", out, "--rig", rig, "--skip-check")
     done = sgp(*resume, "--accept", "object-changed").ok()

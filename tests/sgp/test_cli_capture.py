@@ -7,21 +7,21 @@ import pytest
 
 import acquisition
 from acquisition import Session, read_image
-from tests.sgp.small_rig import RIG, capture, events
+from tests.sgp.small_rig import WORLD_RIG, capture, events
 
 
 @pytest.fixture
-def dead_led(tmp_path):
+def dead_led(simulated_world, tmp_path):
     """A rig file of which LED 2 gives no light, although it is not listed as dead."""
     path = tmp_path / "rig.toml"
-    path.write_text(RIG + "[options.lamps]\ndead = [2]\n", encoding="utf-8")
+    path.write_text(WORLD_RIG + "[options.lamps]\ndead = [2]\n", encoding="utf-8")
     return path
 
 
-def test_a_session_is_checked_recorded_verified_and_described(sgp, rig, plan, tmp_path):
+def test_a_session_is_checked_recorded_verified_and_described(sgp, real_rig, plan, tmp_path):
     out = tmp_path / "session"
-    words = ("--rig", rig, "--plan", plan(5000.0), "--object-name", "coin", "--operator", "Ada")
-    more = ("--place", "hall 3", "--rights", "CC0", "--notes", "rim scratched")
+    words = ("--rig", real_rig, "--plan", plan(5000.0), "--object-name", "coin")
+    more = ("--operator", "Ada", "--place", "hall 3", "--rights", "CC0", "--notes", "rim scratched")
     capture(sgp, out, *words, *more, check=True).ok()
     assert events(out) == ["checked", "camera_settings", "compared"]
     assert sgp("capture", "verify", out).code == 0
@@ -50,7 +50,7 @@ def test_an_led_that_gives_no_light_is_found_while_recording(sgp, dead_led, tmp_
     assert "the LEDs are off" in answer.err
     # If the LED is listed as dead, it is skipped with a warning.
     listed = tmp_path / "listed.toml"
-    listed.write_text(RIG.replace("leds = 6", "leds = 6\ndead_leds = [2]"), encoding="utf-8")
+    listed.write_text(WORLD_RIG.replace("leds = 6", "leds = 6\ndead_leds = [2]"), encoding="utf-8")
     out = tmp_path / "t"
     answer = capture(sgp, out, "--rig", listed, "--plan", plan(5000.0), "--json").ok()
     assert any("2" in line and "dead" in line for line in json.loads(answer.out)["warnings"])
@@ -69,9 +69,8 @@ def test_exposures_are_metered_and_the_metering_is_recorded(sgp, rig, plan, tmp_
     assert max(bright) > 2000
 
 
-def test_the_wiring_is_checked_before_metering(sgp, tmp_path, plan, monkeypatch):
-    rig = tmp_path / "rig.toml"
-    rig.write_text(RIG + "[options.wiring]\nalways = [3]\n", encoding="utf-8")
+def test_the_wiring_is_checked_before_metering(sgp, rig, tmp_path, plan, monkeypatch):
+    rig.write_text(WORLD_RIG + "[options.wiring]\nalways = [3]\n", encoding="utf-8")
     monkeypatch.setattr(acquisition.metering, "meter", lambda *_, **__: pytest.fail("metered"))
     words = ("--rig", rig, "--plan", plan(5000.0), "--meter", "each")
     answer = capture(sgp, tmp_path / "s", *words, check=True)
@@ -89,7 +88,7 @@ def test_a_dead_led_passes_the_wiring_check_and_is_left_out_by_metering(
     answer = capture(sgp, tmp_path / "s", *words, check=True)
     session = Session.open(tmp_path / "s")
     events = [line.event for line in session.events]
-    assert events == ["metered", "left_out", "checked", "camera_settings", "compared"]
+    assert events == ["metered", "left_out", "checked", "compared"]
     checks = session.events[2].details["checks"]
     assert [check["state"] for check in checks if check["name"] == "LEDs"] == ["warning"]
     assert session.complete, answer.err
@@ -174,13 +173,13 @@ def test_a_contact_sheet_shows_every_frame(sgp, recorded, tmp_path):
     assert sgp("capture", "info", recorded, "--sheet", sheet, "--force").code == 0
 
 
-def test_rig_commands(sgp, rig, tmp_path):
+def test_rig_commands(sgp, real_rig, tmp_path):
     assert "simulated" in sgp("rig", "list").out
-    assert sgp("rig", "check", "--rig", rig, "--json").figures()["board"]["leds"] == 6
-    assert sgp("rig", "off", "--rig", rig).code == 0
-    assert sgp("rig", "light", 2, "--seconds", 0.05, "--rig", rig).code == 0
-    assert sgp("rig", "light", 6, "--rig", rig).code == 2
-    snapped = sgp("rig", "snap", "--led", 1, "--rig", rig, "--out", tmp_path / "a.tif", "--json")
-    assert json.loads(snapped.out)["metrics"]["p99_dn"] > 200
-    assert sgp("rig", "snap", "--led", 9, "--rig", rig, "--out", tmp_path / "b.tif").code == 2
+    assert sgp("rig", "check", "--rig", real_rig, "--json").figures()["board"]["leds"] == 6
+    assert sgp("rig", "off", "--rig", real_rig).code == 0
+    assert sgp("rig", "light", 2, "--seconds", 0.05, "--rig", real_rig).code == 0
+    assert sgp("rig", "light", 6, "--rig", real_rig).code == 2
+    words = ("rig", "snap", "--rig", real_rig, "--led")
+    assert sgp(*words, 1, "--out", tmp_path / "a.tif", "--json").figures()["p99_dn"] > 200
+    assert sgp(*words, 9, "--out", tmp_path / "b.tif").code == 2
     assert not (tmp_path / "b.tif").exists()

@@ -37,9 +37,9 @@ def deaf(request):
 
 
 @pytest.mark.slow
-def test_a_recording_does_not_end_because_its_log_cannot_be_written(deaf, rig, plan, tmp_path):
+def test_a_recording_does_not_end_because_its_log_cannot_be_written(deaf, real_rig, plan, tmp_path):
     out = tmp_path / "session"
-    words = ("run", out, "--rig", rig, "--plan", plan(5000.0), "--json")
+    words = ("run", out, "--rig", real_rig, "--plan", plan(5000.0), "--json")
     ended = subprocess.run([*CAPTURE, *words], stdout=subprocess.PIPE, check=False, **deaf)
     assert ended.returncode == 0
     assert json.loads(ended.stdout)["ok"] is True

@@ -46,27 +46,27 @@ def at_the_prompt(rig, plan, out, act, typed_before=b""):
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="requires a pty for the prompt")
-def test_one_ctrl_c_ends_the_wait_for_the_card(sgp, rig, with_flats, tmp_path):
+def test_one_ctrl_c_ends_the_wait_for_the_card(sgp, real_rig, with_flats, tmp_path):
     out = tmp_path / "s"
     code, message = at_the_prompt(
-        rig, with_flats, out, lambda process, _: process.send_signal(signal.SIGINT)
+        real_rig, with_flats, out, lambda process, _: process.send_signal(signal.SIGINT)
     )
     assert code == 130, message
     assert "stopping after this shot" in message
     assert "the LEDs are off" in message
     assert [shot.role for shot in Session.open(out).missing] == ["flat"] * 3
-    assert sgp("capture", "resume", out, "--rig", rig).code == 0
+    assert sgp("capture", "resume", out, "--rig", real_rig).code == 0
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="requires a pty for the prompt")
-def test_enter_takes_the_flats(rig, with_flats, tmp_path):
+def test_enter_takes_the_flats(real_rig, with_flats, tmp_path):
     out = tmp_path / "s"
 
     def press(process, terminal):
         assert not any(frame.role == "flat" for frame in Session.open(out).recorded)
         os.write(terminal, b"\n")
 
-    code, message = at_the_prompt(rig, with_flats, out, press)
+    code, message = at_the_prompt(real_rig, with_flats, out, press)
     assert code == 0, message
     assert Session.open(out).complete
 
@@ -88,10 +88,10 @@ def leave_it(process, terminal):
     },
 )
 def test_only_enter_at_the_prompt_takes_the_flats(
-    rig, with_flats, tmp_path, typed_before, act, code
+    real_rig, with_flats, tmp_path, typed_before, act, code
 ):
     """Neither an Enter before the prompt nor the end of the input counts."""
     out = tmp_path / "s"
-    ended, message = at_the_prompt(rig, with_flats, out, act, typed_before)
+    ended, message = at_the_prompt(real_rig, with_flats, out, act, typed_before)
     assert ended == code, message
     assert [shot.role for shot in Session.open(out).missing] == ["flat"] * 3

@@ -8,17 +8,18 @@ import pytest
 
 from acquisition import Session
 from acquisition.session import SessionWriter
-from tests.sgp.small_rig import CAPTURE, RIG, capture, events, interrupted
+from tests.sgp.small_rig import CAPTURE, RIG, WORLD_RIG, capture, events, interrupted
 
 
 @pytest.mark.slow
-def test_an_led_that_dies_while_recording_is_listed_and_the_rest_completed(sgp, tmp_path, plan):
-    rig, out = tmp_path / "rig.toml", tmp_path / "s"
+def test_an_led_that_dies_is_listed_and_the_rest_completed(sgp, rig, tmp_path, plan):
+    out = tmp_path / "s"
     lamps = "[options.lamps]\ndead = [2]\n"
-    rig.write_text(RIG + lamps, encoding="utf-8")
+    rig.write_text(WORLD_RIG + lamps, encoding="utf-8")
     planned = plan(5000.0)
     assert capture(sgp, out, "--rig", rig, "--plan", planned).code == 3
-    rig.write_text(RIG.replace("leds = 6", "leds = 6\ndead_leds = [2]") + lamps, encoding="utf-8")
+    dead = WORLD_RIG.replace("leds = 6", "leds = 6\ndead_leds = [2]")
+    rig.write_text(dead + lamps, encoding="utf-8")
     missing = len(Session.open(out).missing)
     answer = sgp("capture", "resume", out, "--rig", rig, "--plan", planned, "--dry-run", "--json")
     assert json.loads(answer.out)["metrics"]["shots"] == missing - 1
@@ -58,9 +59,9 @@ def test_resuming_without_the_checks_writes_no_checked_event(sgp, rig, with_flat
     assert "checked" not in events(out)
 
 
-def test_ctrl_c_leaves_a_dark_rig_and_an_intact_incomplete_session(sgp, rig, plan, tmp_path):
+def test_ctrl_c_leaves_a_dark_rig_and_an_intact_incomplete_session(sgp, real_rig, plan, tmp_path):
     out = tmp_path / "session"
-    options = ["--rig", rig, "--plan", plan(200_000.0), "--skip-check"]
+    options = ["--rig", real_rig, "--plan", plan(200_000.0), "--skip-check"]
     message = interrupted([*CAPTURE, "run", out, *options], out / "frames" / "L01_E0.tif")
     assert "Ctrl-C" in message
     assert "incomplete" in message
@@ -83,17 +84,17 @@ def test_ctrl_c_leaves_a_dark_rig_and_an_intact_incomplete_session(sgp, rig, pla
         "capture", "resume", out, "--rig", other
     ).error_line(4)
     assert "plan exposures_us was (200000.0,) and is (100000.0,)" in sgp(
-        "capture", "resume", out, "--rig", rig, "--plan", plan(100_000.0)
+        "capture", "resume", out, "--rig", real_rig, "--plan", plan(100_000.0)
     ).error_line(4)
     before = [frame.line for frame in session.frames]
-    answer = sgp("capture", "resume", out, "--rig", rig, "--dry-run", "--json")
+    answer = sgp("capture", "resume", out, "--rig", real_rig, "--dry-run", "--json")
     assert json.loads(answer.out)["metrics"]["shots"] == len(session.missing)
     assert Session.open(out).events == session.events
-    assert sgp("capture", "resume", out, "--rig", rig).code == 0
+    assert sgp("capture", "resume", out, "--rig", real_rig).code == 0
     assert [frame.line for frame in Session.open(out).frames][: len(before)] == before
     assert sgp("capture", "verify", out).code == 0
     journal = (out / "journal.jsonl").read_bytes()
-    answer = sgp("capture", "resume", out, "--rig", rig).ok()
+    answer = sgp("capture", "resume", out, "--rig", real_rig).ok()
     assert "already complete: no shot is missing" in answer.err
     assert (out / "journal.jsonl").read_bytes() == journal
 

@@ -15,7 +15,7 @@ from rig.config import rig_names
 from sgp.app import build
 from sgp.rigs import config_path
 from tests.cases import cases
-from tests.sgp.small_rig import RIG
+from tests.sgp.small_rig import WORLD_RIG
 
 GOLDEN = Path(__file__).parents[1] / "acquisition" / "golden_session_3"
 
@@ -99,11 +99,12 @@ def names(sgp, *words):
     return sgp("rig", "check", "--json", *words).figures()["rig"]
 
 
+@pytest.mark.usefixtures("simulated_world")
 def test_option_then_variable_then_file(sgp, config, tmp_path, monkeypatch):
     for name in ("option", "variable", "configured"):
         place = tmp_path / ("config/sgp" if name == "configured" else ".") / f"{name}.toml"
         place.parent.mkdir(parents=True, exist_ok=True)
-        place.write_text(RIG.replace("small", name))
+        place.write_text(WORLD_RIG.replace("small", name))
     config('rig = "configured.toml"\n')
     monkeypatch.chdir(tmp_path)
     assert names(sgp) == "configured"
@@ -112,10 +113,11 @@ def test_option_then_variable_then_file(sgp, config, tmp_path, monkeypatch):
     assert names(sgp, "--rig", "option.toml") == "option"
 
 
+@pytest.mark.usefixtures("simulated_world")
 def test_a_path_in_the_file_is_relative_to_it_and_a_name_is_a_name(sgp, config, tmp_path):
     path = config('rig = "../bench.toml"\n')
     bench = path.parent.parent / "bench.toml"
-    bench.write_text(RIG)
+    bench.write_text(WORLD_RIG)
     assert names(sgp) == "small"
     config(f"rig = '{bench}'\n")
     assert names(sgp) == "small"
@@ -194,14 +196,16 @@ def test_an_empty_variable_does_not_count(sgp, monkeypatch):
     assert "--rig is missing" in sgp("rig", "off").error_line(2)
 
 
+@pytest.mark.usefixtures("simulated_world")
 def test_with_the_option_the_file_is_not_read(sgp, config, tmp_path):
     config("not TOML")
-    (tmp_path / "rig.toml").write_text(RIG)
+    (tmp_path / "rig.toml").write_text(WORLD_RIG)
     assert sgp("rig", "off", "--rig", tmp_path / "rig.toml").code == 0
 
 
+@pytest.mark.usefixtures("simulated_world")
 def test_the_operator_is_configured_too(sgp, config, tmp_path, recording):
-    (tmp_path / "rig.toml").write_text(RIG)
+    (tmp_path / "rig.toml").write_text(WORLD_RIG)
     config(f"operator = 'Ada'\nrig = '{tmp_path / 'rig.toml'}'\n")
     for name, words, operator in (("a", (), "Ada"), ("b", ("--operator", "Eve"), "Eve")):
         sgp("capture", "run", tmp_path / name, "--skip-check", *words).ok()

@@ -12,7 +12,7 @@ from acquisition import Session
 from acquisition.preflights import Check, Preflight
 from rig import RigError
 from sgp.sessions import Acceptance, Preparation, ResumeCommand, take_findings
-from tests.sgp.small_rig import RIG, interrupted
+from tests.sgp.small_rig import RIG, WORLD_RIG, interrupted
 
 
 @pytest.fixture
@@ -68,8 +68,10 @@ def state(folder):
     }
 
 
-def test_resuming_a_complete_session_changes_nothing(bench, sgp, monkeypatch):
+@pytest.mark.usefixtures("simulated_world")
+def test_resuming_a_complete_session_changes_nothing(bench, sgp):
     rig, plan, out = bench / "my rig.toml", bench / "plan.toml", bench / "owl 1"
+    rig.write_text(WORLD_RIG)
     words = ("capture", "run", out, "--rig", rig, "--plan", plan, "--skip-check")
     assert sgp(*words).code == 0
     before = state(bench)
@@ -109,9 +111,10 @@ def test_one_finding_is_the_error_itself(capsys):
     assert capsys.readouterr().err == ""
 
 
+@pytest.mark.usefixtures("simulated_world")
 def test_the_check_prints_one_line_for_each_finding(sgp, bench):
     rig = bench / "dead.toml"
-    rig.write_text(RIG + "lamps = {dead = [2, 4]}\n")
+    rig.write_text(WORLD_RIG + "lamps = {dead = [2, 4]}\n")
     answer = sgp("capture", "check", bench / "new", "--rig", rig)
     assert answer.code == 3
     found = [line for line in answer.out.splitlines() if "gives no light" in line]
