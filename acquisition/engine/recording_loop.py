@@ -293,6 +293,11 @@ class Recording:
             if stop.asked:
                 return
             self._card_in_place = True
+        if first.role == "repeat" and not self._watch.settled:
+            # The one before is judged first, and perhaps ends the recording.
+            self._rig.off()
+            self._watch.wait()
+            return
         can_be_judged = self._dark_is_known(first) and self._longer_is_known(first)
         if not can_be_judged and not self._queue.settled:
             self._queue.drain()
@@ -348,7 +353,7 @@ class Recording:
     def _may_follow(self, first: PlannedShot, shot: PlannedShot) -> bool:
         """Return whether a shot may be in the same sequence as the first one."""
         flats = first.role == "flat", shot.role == "flat"
-        if shot.exposure_us != first.exposure_us or flats[0] != flats[1]:
+        if shot.exposure_us != first.exposure_us or flats[0] != flats[1] or shot.role == "repeat":
             return False
         # Frames without light are measured as soon as they arrive.
         dark = first.led is None or self._dark_is_known(shot)
