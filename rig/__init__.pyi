@@ -10,8 +10,10 @@ from . import processes as processes
 from . import rigs as rigs
 from . import shooting as shooting
 from ._errors import BoardError as BoardError
+from ._errors import BoardGoneError as BoardGoneError
 from ._errors import CameraError as CameraError
 from ._errors import CameraGoneError as CameraGoneError
+from ._errors import DeviceGoneError as DeviceGoneError
 from ._errors import FrameLostError as FrameLostError
 from ._errors import FrameTimeoutError as FrameTimeoutError
 from ._errors import RigConfigError as RigConfigError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Self
+from typing import ClassVar, Literal, Self
 
 from rig.files.guard import SgpError
 
@@ -21,8 +21,28 @@ class CameraError(RigError):
     """The camera failed; the message names the node or the expected frame."""
 
 
-class CameraGoneError(CameraError):
+class DeviceGoneError(RigError):
+    """The board or the camera no longer answers; `rig.Rig.recover` waits for it.
+
+    Attributes
+    ----------
+    device
+        Which of them.
+    """
+
+    device: ClassVar[Literal["board", "camera"]]
+
+
+class BoardGoneError(DeviceGoneError, BoardError):
+    """The LED board no longer answers."""
+
+    device = "board"
+
+
+class CameraGoneError(DeviceGoneError, CameraError):
     """The camera no longer answers."""
+
+    device = "camera"
 
 
 class FrameLostError(CameraError):

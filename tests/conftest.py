@@ -68,6 +68,18 @@ def _signals_work():
 
 
 @pytest.fixture(scope="session", autouse=True)
+def _disks_are_not_awaited():
+    """Flush no file: here the power does not fail. Programs that tests start flush theirs."""
+
+    def fsync(descriptor):
+        os.fstat(descriptor)  # an error if it is closed
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", fsync)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
 def _no_user_configuration(tmp_path_factory):
     """Hide the user's own default rig and operator, also from programs that tests start."""
     with pytest.MonkeyPatch.context() as patch:

@@ -17,8 +17,8 @@ PACKAGES = ("rig", "acquisition", "calibration", "processing", "simulator", "sgp
 BUDGET = {
     "rig": (4250, 48, 69),
     "acquisition": (15900, 66, 158),
-    "calibration": (10161, 30, 86),
-    "processing": (22494, 61, 204),
+    "calibration": (10240, 30, 87),
+    "processing": (22945, 61, 208),
     "simulator": (9050, 28, 77),
     "sgp": (16400, 0, 160),
 }

@@ -36,8 +36,8 @@ def test_only_recording_needs_a_serial_port() -> None:
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
     assert done.returncode == 0, done.stderr
     failed = done.stdout.splitlines()
-    names = ("engine", "metering", "preflights", "selftests")
-    recording = tuple(f"acquisition.{name}." for name in names)
+    names = ("engine", "metering", "preflights", "preview", "selftests")
+    recording = ("sgp.screen.", *(f"acquisition.{name}." for name in names))
     assert [line for line in failed if not line.startswith(recording)] == []
     # The test would see a module that is missing.
     assert any("import of serial halted" in line for line in failed)

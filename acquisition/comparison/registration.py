@@ -8,6 +8,7 @@ from typing import Final
 import cv2
 import numpy as np
 
+from acquisition.comparison.resampling import lanczos
 from rig.arrays import Bool, Float32, Float64, UInt8
 
 # Smoothing before slopes are taken, pixels: slopes of single pixels are mostly noise.
@@ -57,7 +58,7 @@ class Plane:
         if not np.any(shift):
             return self
         whole = np.rint(shift).astype(int)
-        right, down = (_lanczos(part) for part in shift - whole)
+        right, down = (lanczos(float(part)) for part in shift - whole)
         light = cv2.sepFilter2D(self.light, cv2.CV_32F, right, down)
         valid = cv2.erode(self.valid.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=1) > 0
         columns, rows = whole.tolist()
@@ -65,16 +66,6 @@ class Plane:
             np.roll(np.asarray(light, np.float32), (-rows, -columns), (0, 1)),
             _moved_in(np.asarray(valid), rows, columns),
         )
-
-
-def _lanczos(fraction: float) -> Float64:
-    """Return the weights of nine samples for the value at a fraction of a sample (Lanczos 4).
-
-    The interpolation of OpenCV is no alternative: it rounds positions to 1/32 of a pixel.
-    """
-    distance = np.arange(-4, 5) - fraction
-    weights = np.sinc(distance) * np.sinc(distance / 4) * (np.abs(distance) < 4)
-    return np.asarray(weights / weights.sum())
 
 
 def _moved_in(valid: Bool, rows: int, columns: int) -> Bool:

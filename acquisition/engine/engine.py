@@ -83,6 +83,8 @@ def record(
         If the folder is not empty or is in use, or the disk refuses a write or is stuck.
     RigError
         If board or camera fail, or an LED gives no light, more often than the plan's ``retakes``.
+    NotAcceptedError
+        If a repeat shows what ``hooks.accept`` does not accept, and lights are left.
     KeyboardInterrupt
         After Ctrl-C or a request of ``stop``. The first Ctrl-C lets the current shot and all writes
         finish, the second ends the recording immediately.
@@ -181,7 +183,7 @@ def resume(
         rig, camera or plan; the message names the differences. If every LED of its plan is dead.
         If a frame is damaged; in this case the missing shots have been taken.
     NotAcceptedError
-        If another object is under the camera, or it moved; nothing was changed.
+        If another object is under the camera, or it moved: nothing was changed. As for `record`.
     StorageError, RigError, KeyboardInterrupt
         As for `record`.
 

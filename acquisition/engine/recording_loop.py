@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections import Counter, deque
+from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import closing
 from dataclasses import asdict, dataclass, fields
 from functools import partial
@@ -26,6 +26,7 @@ from acquisition.session.light_proof import BOARD, RIG, wrong_light
 from acquisition.session.session import Session
 from acquisition.session.writer import CameraReport, SessionWriter
 from rig import (
+    DeviceGoneError,
     FrameLostError,
     FrameTimeoutError,
     Notice,
@@ -47,6 +48,8 @@ THREADS: Final = WRITERS
 # Retakes of a shot whose frame was lost, even if the plan allows fewer: the loss has nothing to do
 # with the object or the light.
 LOST_RETAKES: Final = 3
+# A device that is gone so many times, without a frame in between, is broken.
+_LOSSES_IN_A_ROW: Final = 10
 # Interval between looks at the checks and at Ctrl-C.
 _LOOK_S: Final = 0.2
 
@@ -159,6 +162,7 @@ class Recording:
         self._losses: Counter[ShotKey] = Counter()
         # If no frame ever arrived, the trigger wire may be missing.
         self._delivered = False
+        self._gone_in_a_row = 0
         self._sequenced = plan.sequence and rig.config.trigger == "board"
         self._card_in_place = False
         self._damaged: set[int] = set()
@@ -186,10 +190,13 @@ class Recording:
             self._ask()
             if stop.asked and self._todo:
                 raise StoppedError(stop, "after a shot")
-            if self._queue.full:
-                self._pause()
-            elif self._todo:
-                self._take(stop)
+            try:
+                if self._queue.full:
+                    self._pause()
+                elif self._todo:
+                    self._take(stop)
+            except DeviceGoneError as error:
+                self._reconnect(error, stop)
 
     def wait_for_checks(self, stop: StopRequest) -> None:
         """Wait until idle writers have read back all frames of earlier processes.
@@ -286,6 +293,11 @@ class Recording:
             if stop.asked:
                 return
             self._card_in_place = True
+        if first.role == "repeat" and not self._watch.settled:
+            # The one before is judged first, and perhaps ends the recording.
+            self._rig.off()
+            self._watch.wait()
+            return
         can_be_judged = self._dark_is_known(first) and self._longer_is_known(first)
         if not can_be_judged and not self._queue.settled:
             self._queue.drain()
@@ -341,17 +353,20 @@ class Recording:
     def _may_follow(self, first: PlannedShot, shot: PlannedShot) -> bool:
         """Return whether a shot may be in the same sequence as the first one."""
         flats = first.role == "flat", shot.role == "flat"
-        if shot.exposure_us != first.exposure_us or flats[0] != flats[1]:
+        if shot.exposure_us != first.exposure_us or flats[0] != flats[1] or shot.role == "repeat":
             return False
         # Frames without light are measured as soon as they arrive.
         dark = first.led is None or self._dark_is_known(shot)
         return dark and self._longer_is_known(shot)
 
     def _next(
-        self, sequence: Iterator[Shot], group: Sequence[PlannedShot], stop: StopRequest
+        self, sequence: Iterator[Shot], group: deque[PlannedShot], stop: StopRequest
     ) -> Shot | None:
         try:
             return next(sequence, None)
+        except DeviceGoneError:
+            self._todo.put_back(group)
+            raise
         except RigError as error:
             _end_if_stopped(stop, error)
             self._failed(group[0], error)
@@ -372,6 +387,7 @@ class Recording:
     def _keep(self, planned: PlannedShot, shot: Shot) -> bool:
         """Queue a frame for writing; return False if it is already known to be rejected."""
         self._delivered = True
+        self._gone_in_a_row = 0
         quality, counts = None, True
         if planned.led is None:
             # Measured now, because later frames are compared with it.
@@ -390,8 +406,26 @@ class Recording:
         self._queue.wait_for_room()
         self.event("resumed", seconds=round(clock.monotonic() - began_s, 3))
 
+    def _reconnect(self, error: DeviceGoneError, stop: StopRequest) -> None:
+        """Wait until a device that is gone is back; its shot is then taken again."""
+        self._gone_in_a_row += 1
+        if not self._rig.config.reconnect_s or self._gone_in_a_row > _LOSSES_IN_A_ROW:
+            raise error
+        self.event("device_lost", device=error.device, reason=str(error))
+        began_s = clock.monotonic()
+
+        def end_if_asked() -> None:
+            if stop.asked:
+                raise StoppedError(stop, f"while the {error.device} was gone")
+
+        self._rig.recover(error, end_if_asked)
+        seconds = round(clock.monotonic() - began_s, 3)
+        self.event("device_returned", device=error.device, seconds=seconds)
+
     def _failed(self, shot: PlannedShot, error: RigError | DataError) -> None:
         """Note that a shot must be taken again, or raise the error after too many failures."""
+        if isinstance(error, DeviceGoneError):
+            raise error
         counts, most = self._failures, self._plan.retakes
         if isinstance(error, FrameLostError):
             self.event("frames_lost", file=shot.file, led=shot.led, **error.counts)
@@ -443,7 +477,7 @@ class Recording:
 
 
 def _end_if_stopped(stop: StopRequest, error: RigError) -> None:
-    """End the recording if whoever stopped it also turned the LED of the shot off."""
+    """End the recording if a stop, which may turn the LED off at once, spoiled the shot."""
     if stop.asked:
         raise StoppedError(stop, "during a shot") from error
 

@@ -15,9 +15,9 @@ from acquisition.values.lights import Lights, led_id
 from acquisition.values.noise_model import NoiseModel
 from rig import CameraError, CameraInfo, Mounting, Rig
 
-# Options of a rig file that select the board and camera by ports and files, which may change; the
-# record names the devices themselves.
-_WHERE: Final = ("board", "camera", "cti", "model", "port")
+# Options of a rig file that say where board and camera are and how they are opened, which may
+# change; the record names the devices themselves.
+_WHERE: Final = ("board", "camera", "cti", "isolate", "model", "port")
 
 
 def rig_record(rig: Rig) -> dict[str, Any]:

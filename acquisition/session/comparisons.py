@@ -25,6 +25,7 @@ _NAMED: Final = {"shift": 0.3, "gain": 0.01, "gain_spread": 0.01, "focus": 0.1, 
 _MOVED_PX: Final = 0.5
 # Less light than this is not the same light.
 _LOST: Final = 0.2
+_USELESS_FROM: Final = {"shift": _MOVED_PX, "gain": 1 - _LOST}
 _SURELY: Final = 3.0
 # An uneven light whose structure differs in less than this share of the image is of the same
 # object: lamps that moved by up to a quarter of their distance change less than 0.09, other objects
@@ -32,6 +33,8 @@ _SURELY: Final = 3.0
 _ALIKE: Final = 0.2
 # A change is sudden if at least this share of it came after the repeat before.
 _SUDDEN: Final = 0.5
+# A change is named again when it has grown by this share.
+_GROWN: Final = 0.5
 
 # Findings after which more frames would not fit those that were recorded before.
 USELESS: Final = frozenset({"frame-shifted", "light-lost", "light-turned", "object-changed"})
@@ -150,7 +153,7 @@ def findings(details: Numbers, earlier: Sequence[Numbers] = ()) -> list[Notice]:
     same, uneven = details["same_object"], _is_uneven(details)
     right, down = details["shift_px"]
     if "shift" in changes:
-        distance, sure = math.hypot(right, down), math.hypot(*details["shift_sigma_px"])
+        distance, sure = math.hypot(right, down), _value("shift", details)[1]
         text = (
             f"the camera or the object moved by {distance:.2f} +- {sure:.2f} px "
             f"({_side(right, 'right', 'left')}, {_side(down, 'down', 'up')}) {since['shift']}: put "
@@ -158,14 +161,14 @@ def findings(details: Numbers, earlier: Sequence[Numbers] = ()) -> list[Notice]:
         )
         if distance > _MOVED_PX:
             found.append(Notice("frame-shifted", text, where))
-        elif not uneven:  # another direction of the light moves the shading by less
+        elif not uneven:
             found.append(Notice("frame-drifted", text, where))
-    if uneven and {"gain_spread", "other"} & changes.keys():
+    if uneven and "gain_spread" in changes:
         spread, sure = details["gain_spread"], details["gain_spread_sigma"]
-        when = since.get("gain_spread", since.get("other"))
         text = (
             f"the light changed by {gain - 1:+.1%}, and unevenly by {spread:.1%} +- {sure:.1%}, "
-            f"{when}: its LED or the object turned; put it back, or record again"
+            f"{since['gain_spread']}: its LED moved or the object turned; put it back, or record "
+            "again"
         )
         if same:
             found.append(Notice("light-changed", text, where))
@@ -176,16 +179,16 @@ def findings(details: Numbers, earlier: Sequence[Numbers] = ()) -> list[Notice]:
         text = (
             f"{details['other_fraction']:.0%} of the image does not fit {light} (columns {left} to "
             f"{end - 1}, rows {top} to {bottom - 1}){_when('other', details, earlier)}: another "
-            "object, or a part of it moved; put it back, or record again"
+            "object, or a part of it or the LED moved; put it back, or record again"
         )
         found.append(Notice("object-changed", text, where))
     if "gain" in changes and not uneven:
         text = (
             f"the light changed by {gain - 1:+.1%} +- {sigma:.1%} {since['gain']}: let the LEDs "
-            "warm up, and check their power supply and the room light"
+            "warm up, and check the LED, the power supply and the room light"
         )
         found.append(Notice("light-changed", text, where))
-    if "focus" in changes:
+    if "focus" in changes and not uneven:
         focus, sigma = details["focus"], details["focus_sigma"] or 0.0
         text = (
             f"the finest structure has {focus:.0%} +- {sigma:.0%} of its contrast "
@@ -196,10 +199,14 @@ def findings(details: Numbers, earlier: Sequence[Numbers] = ()) -> list[Notice]:
 
 
 def _is_uneven(details: Numbers) -> bool:
-    """Return whether the same object was lit from another direction."""
+    """Return whether the same object in the same place was lit from another direction."""
     value, sigma = _value("gain_spread", details)
-    alike = (details.get("unlike_fraction") or 0.0) < _ALIKE
-    return value is not None and alike and _exceeds("gain_spread", value, sigma)
+    unlike = details.get("unlike_fraction")
+    if value is None or unlike is None or details["gain"] is None:
+        return False
+    # Shading that changes looks like a shift by less.
+    here = abs(_value("shift", details)[0] or 0) <= _MOVED_PX
+    return here and unlike < _ALIKE and _exceeds("gain_spread", value, sigma)
 
 
 def _value(kind: str, details: Numbers) -> tuple[complex | None, float]:
@@ -208,30 +215,34 @@ def _value(kind: str, details: Numbers) -> tuple[complex | None, float]:
         right, down = details["shift_px"]
         if None in (right, down):
             return None, 0.0
-        return complex(right, down), math.hypot(*details["shift_sigma_px"])
+        return complex(right, down), math.hypot(*(px or 0.0 for px in details["shift_sigma_px"]))
     if kind == "other":
         return details["other_fraction"], 0.0
     value, sigma = details.get(kind), details.get(f"{kind}_sigma") or 0.0
     return (value if value is None or kind == "gain_spread" else value - 1), sigma
 
 
-def _exceeds(kind: str, change: complex, sigma: float) -> bool:
-    return abs(change) > max(_NAMED[kind], _SURELY * sigma)
+def _exceeds(kind: str, value: complex, sigma: float) -> bool:
+    return abs(value) > max(_NAMED[kind], _SURELY * sigma)
 
 
-def _changes(details: Numbers, earlier: Sequence[Numbers]) -> dict[str, complex]:
-    """Return the changes to name since the light, or since they were named for the last time."""
-    new: dict[str, complex] = {}
-    for kind in _NAMED:
+def _changes(details: Numbers, earlier: Sequence[Numbers]) -> set[str]:
+    """Return the quantities whose deviation is new, or has grown by half since it was named."""
+    new = set[str]()
+    for kind, least in _NAMED.items():
         named: complex = 0
         for one in (*earlier, details):
             value, sigma = _value(kind, one)
-            new.pop(kind, None)
+            new.discard(kind)
             if value is None:
                 continue
-            far = kind == "shift" and abs(named) <= _MOVED_PX < abs(value)
-            if _exceeds(kind, value - named, sigma) or (far and _exceeds(kind, value, sigma)):
-                new[kind], named = value - named, value
+            useless = abs(named) <= _USELESS_FROM.get(kind, math.inf) < abs(value)
+            grown = abs(value - named) > max(least, abs(named) * _GROWN)
+            if _exceeds(kind, value, sigma) and (grown or useless):
+                new.add(kind)
+                named = value
+            elif abs(value) < least / 2:  # back in place
+                named = 0
     return new
 
 
@@ -271,9 +282,12 @@ def earlier_repeats(details: Numbers, comparisons: Iterable[Numbers]) -> list[Nu
     number = details.get("lights_before")
     if number is None:
         return []
-    alike = (one for one in comparisons if one["light"] == details["light"])
-    known = [one for one in alike if (one.get("lights_before") or number) < number]
-    return sorted(known, key=lambda one: one["lights_before"])
+    known = {
+        one.get("lights_before") or number: one
+        for one in comparisons
+        if one["light"] == details["light"]
+    }
+    return [known[before] for before in sorted(known) if before < number]
 
 
 def compared_repeats(session: RecordedFrames, only: str | None = None) -> Iterator[dict[str, Any]]:

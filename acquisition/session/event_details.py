@@ -34,6 +34,7 @@ _Count = Annotated[int, Field(ge=0)]
 _Seconds = Annotated[float, Field(ge=0)]
 _Pair = Annotated[list[float | None], Field(min_length=2, max_length=2)]
 FrameName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9._-]*$")]
+_Device = Literal["board", "camera"]
 _Setting = bool | int | float | str
 _KeptPath = Annotated[str, Field(pattern=r"^derived/set_aside/[A-Za-z0-9_][A-Za-z0-9._-]*$")]
 
@@ -184,6 +185,8 @@ _SCHEMAS: Final[dict[str, tuple[type[BaseModel], int]]] = {
     "paused": (_fields(reason=str, waiting=_Count), 3),
     "resumed": (_fields(seconds=_Seconds), 3),
     COMPARED: (_Compared, 5),
+    "device_lost": (_fields(device=_Device, reason=str), 3),
+    "device_returned": (_fields(device=_Device, seconds=_Seconds), 3),
     "not_sequenced": (_fields(reason=str), 3),
     "interrupted": (_Ended, 3),
     "failed": (_Ended, 3),

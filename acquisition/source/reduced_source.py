@@ -123,6 +123,10 @@ def downscale(source: Source, factor: int) -> Source:
     return replace(
         _masked(source, blocks, nothing),
         reduction=replace(old, factor=old.factor * factor),
+        shifts_px={
+            name: (right / factor, down / factor)
+            for name, (right, down) in source.shifts_px.items()
+        },
         camera=None if source.camera is None else source.camera.downscaled(factor),
         normals_truth=None if truth is None else _mean_normals(blocks, truth),
     )

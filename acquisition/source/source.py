@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -252,6 +252,9 @@ class Source:
         Region and resolution at which the frames are used; None for complete frames. `size`,
         `mask`, `not_object`, `camera` and `normals_truth` are those of the reduced images. See
         `crop` and `downscale`.
+    shifts_px
+        By how much the object is further right and down in the images of lights, by their ids, in
+        pixels of `size`: `calibration.linear_stack` moves these images back.
     simulated
         Whether the frames are from a simulated rig or camera, as far as the recording states it.
     setup
@@ -294,6 +297,7 @@ class Source:
     black_level: float = 0.0
     white_level: float = 1.0
     reduction: Reduction | None = None
+    shifts_px: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     simulated: bool = False
     setup: Setup = field(default_factory=Setup)
     recorded_utc: datetime | None = None

@@ -56,8 +56,7 @@ class _Installation:
             shutil.copytree(
                 Path(sgp.__file__).parents[1] / name,
                 self.packages / name,
-                # With bytecode, so that each run does not compile all modules again.
-                ignore=shutil.ignore_patterns("*.nb[ci]"),
+                ignore=shutil.ignore_patterns("__pycache__"),
             )
         flat = np.full((24, 32, 3), (65535, 32768, 32768), np.uint16)
         cv2.imwrite(str(self.work / "map.png"), flat)

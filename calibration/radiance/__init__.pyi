@@ -1,6 +1,7 @@
 from .demosaicing import demosaic as demosaic
 from .demosaicing import luma as luma
 from .image_form import Channel as Channel
+from .shifted_rows import Shift as Shift
 from .stack import LazyValues as LazyValues
 from .stack import Stack as Stack
 from .stack import StackFiles as StackFiles

@@ -21,6 +21,7 @@ from calibration.radiance.brackets import (
 )
 from calibration.radiance.image_form import Channel, ImageForm, divided
 from calibration.radiance.references import References
+from calibration.radiance.shifted_rows import Shift
 from calibration.radiance.signal_noise import SignalNoise, signal_noise
 from calibration.radiance.stack_noise import StackNoise
 from rig import Notice
@@ -95,6 +96,16 @@ class Developer:
             )
             for i, name in enumerate(source.light_ids)
         ]
+        self._shifts = {
+            i: Shift(*source.shifts_px[name])
+            for i, name in enumerate(source.light_ids)
+            if name in source.shifts_px
+        }
+        if self._shifts and self.form.pattern is not None:
+            raise DataError(
+                f"{source.path}: the sites of a mosaic cannot be moved by parts of a pixel: use "
+                "another channel, or do not align the images"
+            )
 
     @property
     def notices(self) -> tuple[Notice, ...]:
@@ -120,7 +131,8 @@ class Developer:
         for i, brackets in enumerate(groups):
             for b, repeats in enumerate(brackets):
                 law = self._law(self._noise, repeats)
-                slope[i, b], floor[i, b] = law.slope, law.floor
+                averaged = self._shifts[i].noise if i in self._shifts else 1.0
+                slope[i, b], floor[i, b] = averaged * law.slope, averaged * law.floor
                 if b < len(brackets) - 1:
                     level, _ = self._linear.reference_level(repeats[0].exposure_us)
                     clear = self._replaced(repeats, brackets[b + 1 :])
@@ -196,8 +208,26 @@ class Developer:
         The default is all rows. They are written to `out`. Bit b of `used`, whose rows are the same
         ones of the frames, says whether bracket b counts at a sample.
         """
-        frames, intensity = self.tasks[index]
         wanted = slice(0, self.shape[1]) if rows is None else rows
+        shift = self._shifts.get(index)
+        if shift is None:
+            return self._made(index, wanted, out, used)
+        around = shift.rows(wanted, self.shape[1])
+        used_around = None
+        if used is not None:
+            used_around = np.zeros((around.stop - around.start, *used.shape[1:]), np.uint8)
+        image = self._made(index, around, None, used_around)
+        made = shift.moved(image, around.start, wanted)
+        if used is not None and used_around is not None:
+            used[...] = shift.whole(used_around, around.start, wanted)
+        if out is None:
+            return made
+        out[...] = made
+        return out
+
+    def _made(self, index: int, wanted: slice, out: Float32 | None, used: UInt8 | None) -> Float32:
+        """Return rows of the merged image of a light where they were recorded."""
+        frames, intensity = self.tasks[index]
         if out is None:
             out = np.zeros((wanted.stop - wanted.start, *self.shape[2:]), np.float32)
         if len(frames) == 1 and self.form.independent:
@@ -233,7 +263,7 @@ class Developer:
         None for other lights. Raises as `acquisition.source.Linearizer.signal`.
         """
         frames, _ = self.tasks[index]
-        single = len(frames) == 1 and len(frames[0].shape) == 2
+        single = len(frames) == 1 and len(frames[0].shape) == 2 and index not in self._shifts
         if single and self._source.cfa is None and self._source.reduction is None:
             return self._linear.pixels(frames[0])
         return None

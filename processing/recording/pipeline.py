@@ -28,6 +28,7 @@ from processing.maps.metrics import AngularError, angular_error
 from processing.maps.normal_map import NormalMap
 from processing.noise.lens_blur import lens_blur
 from processing.noise.sample_kind import Reason
+from processing.recording.alignment import AlignChoice, find_alignment
 from processing.recording.banded_normals import (
     GraySolver,
     ShownBySample,
@@ -154,6 +155,11 @@ class NormalsStage:
     interreflection
         Subtract the light that a matte object reflects onto itself, if attached shadows show it,
         see `processing.series.interreflection`; the notice ``light-reflected`` says so.
+    align
+        ``auto``: if camera or object moved by more than 0.15 px while the images were taken, find
+        the shifts (see `find_image_shifts`) and move the images back; the notice
+        ``images-aligned`` says so. ``always``: also by less. ``off``: never. Sites of a mosaic
+        cannot be moved.
 
     Examples
     --------
@@ -180,6 +186,7 @@ class NormalsStage:
     exclude_disagreeing: bool = False
     semi_calibrated: bool = False
     interreflection: bool = False
+    align: AlignChoice = "auto"
 
     def needs_whole(self, source: Source) -> bool:
         """Return whether the complete images and maps have to be in memory."""
@@ -226,11 +233,10 @@ class NormalsStage:
         if files is not None and not files.replace:
             check_unfinished(files.path, files.identity)
         with ExitStack() as opened:
-            stack = self._opened(source, opened, on_progress, in_bands=files is not None)
-            frames, pattern, store = stack.files, stack.pattern, None
-            examined, of_mask = examination_of(source, stack, geometry, self.method, on_progress)
-            del stack  # the examination may replace it
-            examined.leave_out_unlit()
+            store: BandStore | None = None
+            source, frames, pattern, examined, of_images = self._examined(
+                source, geometry, opened, on_progress, in_bands=files is not None
+            )
             if self.light_distance_mm == "estimate" and geometry.view is not None:
                 examined.find_light_distance(geometry.view)
             elif self.light_distance_mm is not None:
@@ -276,7 +282,7 @@ class NormalsStage:
                 *source.warnings,
                 *setup_notices(source),
                 *examined.images.warnings,
-                *of_mask,
+                *of_images,
                 *examined.warnings,
                 *notices,
                 *validity_notices(maps["reason"][:], mask, shown.origin, shown.correlation),
@@ -320,6 +326,37 @@ class NormalsStage:
             warnings=warnings,
             store=store,
         )
+
+    def _examined(
+        self,
+        source: Source,
+        geometry: Geometry,
+        opened: ExitStack,
+        on_progress: Progress,
+        *,
+        in_bands: bool,
+    ) -> tuple[Source, StackFiles | None, str | None, Examination, list[Notice]]:
+        """Open the images, align them if camera or object moved, and begin to examine them."""
+        notices: list[Notice] = []
+        while True:
+            stack = self._opened(source, opened, on_progress, in_bands=in_bands)
+            frames, pattern = stack.files, stack.pattern
+            examined, of_mask = examination_of(source, stack, geometry, self.method, on_progress)
+            del stack  # the examination may replace it
+            examined.leave_out_unlit()
+            done = bool(source.shifts_px) or (pattern is not None and self.align == "auto")
+            alignment = find_alignment(
+                examined.images,
+                examined.lights,
+                examined.mask,
+                geometry.view,
+                "off" if done else self.align,
+            )
+            notices += alignment.notices
+            if not alignment.shifts_px:
+                return source, frames, pattern, examined, [*notices, *of_mask]
+            source = replace(source, shifts_px=alignment.shifts_px)
+            del examined  # its images are no longer needed
 
     def _run_chosen(
         self, source: Source, geometry: Geometry, files: MapFiles | None, on_progress: Progress
@@ -416,6 +453,7 @@ def reconstruct(
     exclude_disagreeing: bool = False,
     semi_calibrated: bool = False,
     interreflection: bool = False,
+    align: AlignChoice = "auto",
     surface: bool = True,
     on_progress: Progress = no_progress,
 ) -> Reconstruction:
@@ -469,6 +507,11 @@ def reconstruct(
     interreflection
         Subtract the light that a matte object reflects onto itself, if attached shadows show it,
         see `processing.series.interreflection`; the notice ``light-reflected`` says so.
+    align
+        ``auto``: if camera or object moved by more than 0.15 px while the images were taken, find
+        the shifts (see `find_image_shifts`) and move the images back; the notice
+        ``images-aligned`` says so. ``always``: also by less. ``off``: never. Sites of a mosaic
+        cannot be moved.
     surface
         Also integrate the normals.
     on_progress
@@ -515,6 +558,7 @@ def reconstruct(
         exclude_disagreeing=exclude_disagreeing,
         semi_calibrated=semi_calibrated,
         interreflection=interreflection,
+        align=align,
     )
     made = stage.run(source, on_progress=on_progress)
     if not surface:

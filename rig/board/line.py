@@ -73,6 +73,7 @@ class BoardLine:
         self._seq = program.draw_below(SEQUENCE_NUMBERS)
         self._begun: _Begun | None = None
         self._darkened = 0
+        self._closing = False
         try:
             self._serial = lines.open_line(
                 port,
@@ -177,6 +178,8 @@ class BoardLine:
         methods. Commands that they were about to send or repeat are no longer sent, except OFF.
         """
         self._darkened += 1
+        if self._closing:  # a file may have the number of the port by now
+            return
         # A number far from the others: the next regular OFF is then not a repetition of this one,
         # so its reply does not name an LED that this one has turned off.
         apart = (self._seq + SEQUENCE_NUMBERS // 2) % SEQUENCE_NUMBERS
@@ -192,6 +195,7 @@ class BoardLine:
         BoardError
             If closing fails.
         """
+        self._closing = True
         try:
             self._serial.close()
         except _LINE_FAILURES as error:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
-
-from serial.tools import list_ports
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass
 
 from rig._errors import BoardError
 from rig.board.board import Board
 from rig.board.values import BoardIdentity
-from rig.host import clock, threads
+from rig.host import clock, lines, threads
+from rig.messages.representation import differences
 
 # A board that resets when its port opens may stay in its boot loader for two seconds.
 DISCOVERY_TIMEOUT_S = 3.0
@@ -68,7 +68,7 @@ def find_boards(
     4
     """
     if ports is None:
-        ports = sorted(port.device for port in list_ports.comports())
+        ports = sorted(lines.ports())
     found: dict[str, FoundPort] = {}
 
     def ask(port: str) -> None:
@@ -142,3 +142,52 @@ def find_board(
         problems = ["check cable and power"]
         others = others or ["this computer has no serial port"]
     raise BoardError(f"no LED board{called} found: {'; '.join(others + problems)}")
+
+
+class BoardPlace:
+    """Where a board is plugged in, to open it again after it was gone.
+
+    Another board that was plugged in when this one was opened is never taken for it, even if the
+    two have exchanged the names of their ports.
+
+    Parameters
+    ----------
+    board
+        Open board.
+    """
+
+    def __init__(self, board: Board) -> None:
+        self._port, self._identity = board.port, board.identity
+        devices = lines.ports()
+        self._others = set(devices.values()) - {_device_on(board.port, devices)}
+
+    def open(self) -> Board:
+        """Open the board on its port, or else on a port of a device that is new.
+
+        Raises
+        ------
+        BoardError
+            If it does not answer on any of them.
+        """
+        devices = lines.ports()
+        own = os.path.realpath(self._port)
+        ports = [self._port, *(port for port in sorted(devices) if os.path.realpath(port) != own)]
+        problems = []
+        for port in ports:
+            if _device_on(port, devices) in self._others:
+                continue
+            try:
+                board = Board(port)
+            except BoardError as error:
+                problems.append(str(error))
+                continue
+            changes = differences(asdict(self._identity), asdict(board.identity))
+            if not changes:
+                return board
+            problems.append(f"LED board on {port} is another one: {changes}")
+            board.close()
+        raise BoardError("; ".join(problems) or f"another device is on {self._port}")
+
+
+def _device_on(port: str, devices: Mapping[str, str]) -> str | None:
+    return devices.get(port, devices.get(os.path.realpath(port)))

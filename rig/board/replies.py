@@ -6,7 +6,7 @@ from typing import Self
 
 import serial
 
-from rig._errors import BoardError
+from rig._errors import BoardError, BoardGoneError
 from rig.board.protocol import NO_LED, Command, ErrorCode, Reply
 
 # Index of the LED among the arguments.
@@ -115,23 +115,23 @@ def spoken(verb: str, args: tuple[str, ...]) -> str:
     return " ".join((verb, *args[:at], *led, *args[at + 1 :]))
 
 
-def lost(port: str, command: Command, error: Exception) -> BoardError:
+def lost(port: str, command: Command, error: Exception) -> BoardGoneError:
     """Return the error for a port that fails."""
     prefix = where(port, command)
     if isinstance(error, serial.SerialTimeoutException):
-        return BoardError(
+        return BoardGoneError(
             f"{prefix}: no device accepts the data sent ({error}); check that this port is the LED "
             "board's"
         )
-    return BoardError(
+    return BoardGoneError(
         f"{prefix}: the connection is lost ({error}); check whether the board was unplugged"
     )
 
 
-def silent(port: str, command: Command, waited_s: float, heard: bytes) -> BoardError:
+def silent(port: str, command: Command, waited_s: float, heard: bytes) -> BoardGoneError:
     """Return the error for a board that does not answer; ``heard`` is what arrived instead."""
     talk = f", but it sent {heard[:40]!r}" if heard else ""
-    return BoardError(
+    return BoardGoneError(
         f"{where(port, command)}: no answer within {waited_s:g} s{talk}; check power, cable, and "
         "that this port is the LED board's"
     )

@@ -120,6 +120,9 @@ class RigConfig(BaseModel):
         Least time between two exposures, for a camera that does not report it; 0 if not known.
     frame_timeout_s
         How long after the end of an exposure its frame may arrive, up to 60.
+    reconnect_s
+        How long a recording waits for a board or camera that no longer answers, up to 3600; 0 ends
+        the recording at once.
     mounting
         How the camera is mounted.
     sensor
@@ -142,6 +145,7 @@ class RigConfig(BaseModel):
     exposure_active: bool = False
     frame_period_ms: Annotated[float, Field(ge=0, le=60_000)] = 0.0
     frame_timeout_s: Annotated[float, Field(gt=0, le=60)] = 2.0
+    reconnect_s: Annotated[float, Field(ge=0, le=3600)] = 30.0
     mounting: Mounting = Mounting()
     sensor: Path | None = None
     options: dict[str, Any] = {}

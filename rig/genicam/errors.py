@@ -44,8 +44,7 @@ def camera_errors(what: str) -> Iterator[None]:
         yield
     except _GONE as error:
         raise CameraGoneError(
-            f"{what}: the camera no longer answers ({in_words(error)}); check its cable and power, "
-            "then open it again"
+            f"{what}: the camera no longer answers ({in_words(error)}); check its cable and power"
         ) from error
     except GENICAM_ERRORS as error:
         raise CameraError(f"{what}: {in_words(error)}") from error

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Literal
 
-from rig._errors import CameraError
+from rig._errors import CameraError, CameraGoneError
 from rig.camera.interface import Trigger
 from rig.genicam.nodes import Nodes
 
@@ -144,10 +144,15 @@ class Settings:
 
         Raises
         ------
-        CameraError
+        CameraGoneError
             If it does not answer.
         """
-        self._nodes.number(TEMPERATURE if self._nodes.exists(TEMPERATURE) else "Width")
+        try:
+            self._nodes.number(TEMPERATURE if self._nodes.exists(TEMPERATURE) else "Width")
+        except CameraGoneError:
+            raise
+        except CameraError as error:
+            raise CameraGoneError(str(error)) from error
 
     def shutter(self) -> Literal["global", "rolling"]:
         """Return the kind of shutter; global if the camera has no node for it.

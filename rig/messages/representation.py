@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import fields, is_dataclass
 from datetime import datetime
 from pathlib import Path
 
 import numpy as np
 
-from rig.messages.notice import pluralize
+from rig.messages.notice import listed, pluralize
 
 _LONGEST_TEXT = 60
 # Longer collections show only their length.
 _MOST_NUMBERS = 4
+_MOST_DIFFERENCES = 8
 
 
 def short_repr(self: object) -> str:
@@ -41,6 +42,13 @@ def short_repr(self: object) -> str:
     values = {name: getattr(self, name) for name in names if not name.startswith("_")}
     shown = [f"{name}={_shown(value)}" for name, value in values.items() if not _empty(value)]
     return f"{type(self).__name__}({', '.join(shown)})"
+
+
+def differences(before: Mapping[str, object], after: Mapping[str, object]) -> str:
+    """Return the values that are not the same as text; empty if all are."""
+    names = [name for name in {**before, **after} if before.get(name) != after.get(name)]
+    changes = (f"{name} was {before.get(name)} and is {after.get(name)}" for name in names)
+    return listed(changes, _MOST_DIFFERENCES)
 
 
 def _empty(value: object) -> bool:

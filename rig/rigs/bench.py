@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -43,6 +45,9 @@ class BenchOptions(BaseModel):
     buffer_mib
         Memory for pending frames, MiB: a sequence gets one buffer per frame if they fit. By default
         1024, or a quarter of the computer's memory if that is less.
+    isolate
+        Whether the GenTL producer runs in a process of its own, which is ended and started again if
+        the producer hangs or crashes.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
@@ -58,6 +63,7 @@ class BenchOptions(BaseModel):
     black_level: float | None = None
     readout_us: Annotated[float, Field(ge=0)] | None = None
     buffer_mib: Annotated[int, Field(ge=1, le=2**20)] | None = None
+    isolate: bool = False
 
 
 def open_bench(config: RigConfig) -> Rig:
@@ -86,7 +92,9 @@ def open_bench(config: RigConfig) -> Rig:
         # Before the camera: an earlier program may have left an LED on, and cameras open slowly.
         board.off()
         camera = _camera(options.cti, options)
-    return Rig(board, camera, config)
+    # A camera is chosen by model, or as the only one, just once.
+    same = options.model_copy(update={"camera": camera.info.serial or options.camera})
+    return Rig(board, camera, config, open_camera=partial(_camera, options.cti, same))
 
 
 def open_bench_board(config: RigConfig) -> OpenBoard:
@@ -124,10 +132,14 @@ def _board(config: RigConfig, options: BenchOptions) -> Board:
 
 def _camera(cti: str, options: BenchOptions) -> Camera:
     # Imported here because harvesters takes a while to import.
-    from rig.genicam.camera import open_genicam
+    open_camera: Callable[..., Camera]
+    if options.isolate:
+        from rig.genicam.isolated import open_isolated as open_camera
+    else:
+        from rig.genicam.camera import open_genicam as open_camera
 
     own = {"model", "pixel_format", "trigger_line", "frame_rate_hz", "black_level", "readout_us"}
-    return open_genicam(
+    return open_camera(
         Path(cti).expanduser(),
         serial=options.camera,
         most_bytes=None if options.buffer_mib is None else options.buffer_mib * 2**20,

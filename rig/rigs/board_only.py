@@ -41,7 +41,8 @@ class OpenBoard:
         self.board = board
         self.config = config
         self._closing = list(closing) or [board.off, board.close]
-        self._unwatch = watch(board.darken)
+        # Board and camera may have been opened again since, as other objects.
+        self._unwatch = watch(lambda: self.board.darken())
         with closed_after_errors(self.close):
             if board.identity.leds != config.leds:
                 raise BoardError(

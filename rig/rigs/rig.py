@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Literal
 
-from rig._errors import RigError, closed_after_errors, note
+from rig._errors import CameraError, DeviceGoneError, RigError, closed_after_errors, note
 from rig.board.board import Board
+from rig.board.ports import BoardPlace
 from rig.board.values import BoardEcho
 from rig.camera.interface import Camera, Trigger
 from rig.config.rig_file import RigConfig
+from rig.host import clock
+from rig.messages.representation import differences
 from rig.messages.type_check import check_led
 from rig.rigs.board_only import OpenBoard
+from rig.rigs.reopening import Opening, camera_facts, wait
 from rig.shooting.sequence import run, runs
 from rig.shooting.shooting import Bench, Wires, by_board, by_software, hold_ms, try_wires
 from rig.shooting.shot import Shot
 from rig.shooting.shot_times import ShotTimes
+
+# Time between attempts to open a device that is gone.
+_AGAIN_AFTER_S = 0.5
 
 
 class Rig(OpenBoard):
@@ -32,6 +39,8 @@ class Rig(OpenBoard):
         Configuration of the rig.
     on_close
         Called after board and camera are closed.
+    open_camera
+        Opens the same camera again after it was gone; None if that is not possible.
 
     Raises
     ------
@@ -46,8 +55,11 @@ class Rig(OpenBoard):
         config: RigConfig,
         *,
         on_close: Callable[[], None] = lambda: None,
+        open_camera: Callable[[], Camera] | None = None,
     ) -> None:
         self.camera = camera
+        self._open_camera = open_camera
+        self._place = BoardPlace(board)
         self._bench = Bench(board, camera, config)
         self._settings: tuple[float, float] | None = None
         self._times: ShotTimes | None = None
@@ -55,11 +67,18 @@ class Rig(OpenBoard):
         # Frames that the camera has room for.
         self._frames = 1
         # The LEDs are turned off first, even if a later step fails.
-        closing = board.off, camera.disarm, camera.close, board.close, on_close
+        # Both may have been opened again by then.
+        closing = (
+            lambda: self.board.off(),
+            self._disarm,
+            lambda: self.camera.close(),
+            lambda: self.board.close(),
+            on_close,
+        )
         super().__init__(board, config, closing)
         with closed_after_errors(self.close):
             board.ping()
-            self._arm("line" if config.trigger == "board" else "software")
+            self._arm_as_stated()
 
     def shoot(
         self,
@@ -187,6 +206,40 @@ class Rig(OpenBoard):
         self._armed = None
         return wires
 
+    def recover(self, lost: DeviceGoneError, waiting: Callable[[], None] = lambda: None) -> None:
+        """Open a device again that is gone: the same board, or the camera with the same serial.
+
+        The next shot may be taken then, unless the other device is gone as well. If it was the
+        board, it has confirmed that all LEDs are off.
+
+        Parameters
+        ----------
+        lost
+            Error of the device.
+        waiting
+            Called at least every 200 ms meanwhile; an exception from it ends the wait.
+
+        Raises
+        ------
+        DeviceGoneError
+            ``lost``, if ``reconnect_s`` of the rig file has passed: the device is not back, or it
+            is not the same, with the same settings. A note says what the last attempt found.
+        """
+        ends_s = clock.monotonic() + self.config.reconnect_s
+        self._armed = None
+        failure = RigError("it cannot be opened again")
+        while clock.monotonic() < ends_s:
+            opened = self._opened(lost.device, ends_s, waiting)
+            try:
+                self._take_over(opened)
+            except RigError as error:
+                failure = error
+            else:
+                return
+            wait(min(ends_s, clock.monotonic() + _AGAIN_AFTER_S), waiting)
+        note(lost, "on opening it again", failure)
+        raise lost
+
     def off(self) -> BoardEcho:
         """Turn all LEDs off.
 
@@ -222,6 +275,52 @@ class Rig(OpenBoard):
             self._times = ShotTimes.of(self.camera.info, self.config, real_us)
             self._settings = (exposure_us, gain_db)
         return self._times
+
+    def _opened(
+        self, device: str, ends_s: float, waiting: Callable[[], None]
+    ) -> Board | Camera | RigError:
+        """Close a device that is gone and open it again; return it, or why it does not open."""
+        if device == "board":
+            with suppress(RigError):
+                self.board.close()
+            return Opening(self._place.open).outcome(ends_s, waiting)
+        before, open_camera = self.camera, self._open_camera
+        if open_camera is None:
+            return RigError("this rig cannot open its camera again")
+
+        def again() -> Camera:
+            # It may take long to close, too.
+            with suppress(RigError):
+                before.close()
+            return open_camera()
+
+        return Opening(again).outcome(ends_s, waiting)
+
+    def _take_over(self, opened: Board | Camera | RigError) -> None:
+        """Use a device that was opened again from now on, if it is the same."""
+        if isinstance(opened, RigError):
+            raise opened
+        if isinstance(opened, Board):
+            self.board = self._bench.board = opened
+            opened.off()
+            return
+        if changes := differences(camera_facts(self.camera.info), camera_facts(opened.info)):
+            with suppress(RigError):
+                opened.close()
+            raise CameraError(f"camera {opened.info.serial} is not as before: {changes}")
+        self.camera = self._bench.camera = opened
+        self._settings = self._times = None
+        self._arm_as_stated()
+        # A restart of the board meanwhile is no reason to refuse a shot.
+        with suppress(RigError):
+            self.board.status()
+
+    def _disarm(self) -> None:
+        if self._armed is not None:
+            self.camera.disarm()
+
+    def _arm_as_stated(self) -> None:
+        self._arm("line" if self.config.trigger == "board" else "software")
 
     def _arm(self, trigger: Trigger, frames: int = 1) -> None:
         if self._armed == trigger and frames <= self._frames:

@@ -5,7 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from rig._errors import BoardError, CameraError, FrameLostError, FrameTimeoutError, RigError
+from rig._errors import (
+    BoardError,
+    CameraError,
+    CameraGoneError,
+    FrameLostError,
+    FrameTimeoutError,
+    RigError,
+)
 from rig.board.board import ON_OFF_TIMEOUT_S, Board
 from rig.board.values import BoardEcho, FlashReport, StepReport
 from rig.camera.interface import Camera, CameraFrame
@@ -151,6 +158,8 @@ def explained(error: CameraError, where: str, check: str) -> CameraError:
 
     Nothing needs a check if this computer was too busy.
     """
+    if isinstance(error, CameraGoneError):
+        return error
     if not isinstance(error, FrameLostError):
         return CameraError(f"{error}; {where}: {check}")
     return error.with_context(where if error.host_is_slow else f"{where}: {check}")

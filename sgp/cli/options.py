@@ -323,6 +323,9 @@ class SourceOptions(RemedyOptions):
     interreflection
         Subtract the light that a concave matte object reflects onto itself, if attached shadows
         show it. It takes some seconds and up to 300 MB more.
+    align
+        auto (if camera or object moved by more than 0.15 px while the images were taken, move the
+        images back), always (also by less), or off.
     """
 
     method: MethodChoice = "best"
@@ -330,6 +333,7 @@ class SourceOptions(RemedyOptions):
     height_mm: Millimetres | None = None
     rests_on_plane: bool = False
     interreflection: bool = False
+    align: processing.recording.AlignChoice = "auto"
 
     def stage(self, pixel_mm: float | None = None) -> processing.recording.NormalsStage:
         """Return the computation of normals with these options, and the size of a pixel."""

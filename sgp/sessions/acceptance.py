@@ -44,10 +44,10 @@ class Acceptance:
 
         Findings that do not make a recording useless are accepted if the audience cannot answer.
         """
-        if finding.code in self._codes:
-            return True
-        if finding.code not in get_args(Code) and not self._audience.answers:
-            report(finding)
+        known = finding.code in self._codes
+        if known or (finding.code not in get_args(Code) and not self._audience.answers):
+            if finding.severity == "warning":  # of the recording, which the session keeps
+                report(finding)
             return True
         if not self._audience.question(finding):
             return False

@@ -23,6 +23,8 @@ _EVENTS = {
     "no_light_seen": "LED {led} at {exposure_us:g} us: exposure time too short to see its light, "
     "which a longer exposure time showed",
     "paused": "the disk is slower than the camera: waiting for the disk, with all LEDs off",
+    "device_lost": "waiting for the {device}: {reason}",
+    "device_returned": "the {device} is back after {seconds:.0f} s: the recording continues",
     "set_aside": "set aside: {file}{kept}",
     "upgraded": "the session was upgraded to format {to_version}",
     "not_sequenced": "the plan requests a sequence, but shots are taken one by one: {reason}",

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from cyclopts import Parameter
 
 import acquisition
 import rig as rigs
-from acquisition.engine import StopRequest
 from acquisition.session import Damage
 from sgp.cli.console import note, report, with_progress
 from sgp.cli.options import OptionalInput, OptionalLights
@@ -24,6 +23,9 @@ from sgp.sessions.resume_command import ResumeCommand
 from sgp.sessions.session_summary import describe, left_out_notices
 from sgp.sessions.session_verdict import judge_frames
 from sgp.sessions.steps import Preparation, checked_wiring, metered, take_findings
+
+if TYPE_CHECKING:
+    from acquisition.engine import StopRequest
 
 
 @Parameter(name="*")

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Literal
 
-from rig import CameraError, CameraFrame, CameraInfo, FrameTimeoutError
+from rig import CameraError, CameraFrame, CameraGoneError, CameraInfo, FrameTimeoutError
 from rig.camera import Trigger
 from rig.host import clock
 from simulator.bench.state import BenchState
@@ -109,7 +109,7 @@ class VirtualCamera:
         self._exposure_us = 10_000.0
         self._gain_db = 0.0
         self._armed: Trigger | None = None
-        self._gone = ""
+        self._closed = self._unplugged = False
         self._next_id = 0
         # The last fetch failed: exposures in progress are discarded before the next trigger.
         self._stale = False
@@ -189,14 +189,20 @@ class VirtualCamera:
         self._check()
         self._armed = None
 
+    def unplug(self) -> None:
+        """Unplug the camera: it only closes from now on."""
+        self._unplugged = True
+
     def close(self) -> None:
         """Close camera and bench state; closing twice does nothing."""
         self._bench.close()
-        self._gone = self._gone or "is closed"
+        self._closed = True
 
     def _check(self) -> None:
-        if self._gone:
-            raise CameraError(f"camera {self.info.serial} {self._gone}")
+        if self._unplugged:
+            raise CameraGoneError(f"camera {self.info.serial} no longer answers: was it unplugged?")
+        if self._closed:
+            raise CameraError(f"camera {self.info.serial} is closed")
 
     def _announce(self, trigger: Trigger) -> int:
         self._check()
@@ -213,7 +219,7 @@ class VirtualCamera:
 
     def _expose(self, frame_id: int, start_ns: int, *, lasting: bool) -> None:
         if self.faults.get(frame_id) == "unplug":
-            self._gone = "no longer answers: was it unplugged?"
+            self.unplug()
             self._check()
         end_ns = start_ns + round(self._exposure_us * 1000) if lasting else None
         if end_ns is not None:
@@ -248,6 +254,7 @@ class VirtualCamera:
             del self.faults[frame_id]
         began_s = called_s = clock.monotonic()
         while True:
+            self._check()
             if self._armed == "line":
                 self._read_line(frame_id)
             exposure = self._started.get(frame_id)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Literal
 
 from rig import Board, Camera, Rig, RigConfig, RigConfigError
@@ -103,7 +105,7 @@ def simulated_rig(
         virtual = closing.enter_context(VirtualBoard(config.leds))
         board = Board(virtual.port)
         opened.callback(board.close)
-        device: Camera
+        open_camera: Callable[[], Camera]
         if wanted != "inside" and lacking is None:
             gentl_camera = GentlCamera(
                 lambda led: seen(led)[:],
@@ -115,19 +117,22 @@ def simulated_rig(
             )
             closing.enter_context(gentl_camera)
             format_ = pixel_format(formation.cfa, bit_depth)
-            device = open_genicam(gentl_camera.cti, pixel_format=format_)
+            open_camera = partial(open_genicam, gentl_camera.cti, pixel_format=format_)
         else:
-            inside = VirtualCamera(
-                seen,
-                size=(height, width),
-                bench=opened.enter_context(BenchState(virtual.bench_state_path)),
-                formation=formation,
-                realtime=realtime,
-            )
-            if lacking is not None:
-                inside.info = replace(inside.info, model=f"{IN_PYTHON} ({lacking})")
-            device = inside
-        rig = Rig(board, device, config, on_close=closing.close)
+
+            def open_camera() -> Camera:
+                inside = VirtualCamera(
+                    seen,
+                    size=(height, width),
+                    bench=BenchState(virtual.bench_state_path),
+                    formation=formation,
+                    realtime=realtime,
+                )
+                if lacking is not None:
+                    inside.info = replace(inside.info, model=f"{IN_PYTHON} ({lacking})")
+                return inside
+
+        rig = Rig(board, open_camera(), config, on_close=closing.close, open_camera=open_camera)
         opened.pop_all()
     return rig
 

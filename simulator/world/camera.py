@@ -85,6 +85,7 @@ class WorldCamera:
         self.configure = self._inner.configure
         self.disarm = self._inner.disarm
         self.close = self._inner.close
+        self.unplug = self._inner.unplug
         self.fault: CameraFault | None = None
         self.dark = 0
         self._next = 0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Callable
 
 from serial import SerialException
 
@@ -33,15 +32,16 @@ class WorldBoard:
     Attributes
     ----------
     port
-        Name of its port; each line of the world leads to it.
+        Name of its port now.
     outputs
         LEDs and trigger line, with their edges.
     """
 
-    port = "world"
-
     def __init__(self, scheduler: Scheduler, leds: int) -> None:
         self._scheduler = scheduler
+        self.port = "world"
+        # How often it was plugged in: a line to an earlier one stays dead.
+        self.plugs = 1
         self.history = LightHistory()
         self.view = LightView(self.history, self.advance)
         self.outputs = BoardOutputs(self.history)
@@ -84,15 +84,27 @@ class WorldBoard:
         self.due_ns = 0
         self.board.reset(self._scheduler.now_ns)
 
-    def unplug(self) -> None:
-        """Remove the board for ever: an LED stays on until its declared end."""
-        self.back_ns = NEVER_NS
+    def unplug(self, away_ns: int = NEVER_NS, port: str | None = None) -> None:
+        """Remove the board, for ever by default: an LED stays on until its declared end.
+
+        Parameters
+        ----------
+        away_ns
+            After this time, the board is plugged in again.
+        port
+            Name of its port then; the same by default.
+        """
+        self.advance()
+        self.due_ns = 0
+        self._gone_until(self._scheduler.now_ns + away_ns)
+        self.port = port or self.port
 
     def repair(self) -> None:
         """End all faults: the operator has checked board and cable."""
         self.due_ns = 0
         self.board.set_faults(())
         self.extra_ns = self.splits = 0
+        self.port = "world"
         if self.back_ns > self._scheduler.now_ns:
             self.back_ns = 0
             self.board.reset(self._scheduler.now_ns)
@@ -110,8 +122,9 @@ class WorldBoard:
     def next_ns(self) -> int:
         """Return when something arrives, or the board does something."""
         arrivals = [at for at, _ in (*self._to_board, *self._to_host)]
-        own_ns = self.board.next_ns(self._scheduler.now_ns) if self.present else self.back_ns
-        return min([*arrivals, own_ns, NEVER_NS])
+        back_ns = NEVER_NS if self.present else self.back_ns
+        own_ns = self.board.next_ns(self._scheduler.now_ns)
+        return min([*arrivals, own_ns, back_ns, NEVER_NS])
 
     def advance(self) -> None:
         """Do all that is due, in the order of time."""
@@ -127,8 +140,8 @@ class WorldBoard:
     def _advance(self) -> None:
         now_ns = self._scheduler.now_ns
         if not self.present:
-            self._to_board.clear()
-            self._to_host.clear()
+            self.board.advance(now_ns)  # no host hears it
+            self._forget_bytes()
             return
         try:
             while self._to_board and self._to_board[0][0] <= now_ns:
@@ -138,13 +151,21 @@ class WorldBoard:
                 self._answer(self.board.advance(at_ns), at_ns)
             self._answer(self.board.advance(now_ns), now_ns)
         except PowerCutError as cut:
-            self.back_ns = NEVER_NS if cut.back_ns is None else cut.back_ns
+            self._gone_until(NEVER_NS if cut.back_ns is None else cut.back_ns)
             self.board.reset(now_ns)
-            self._to_board.clear()
-            self._to_host.clear()
         due = [data for at, data in self._to_host if at <= now_ns]
         self._to_host = [(at, data) for at, data in self._to_host if at > now_ns]
         self.arrived = (self.arrived + b"".join(due))[-_MOST_UNREAD:]
+
+    def _gone_until(self, back_ns: int) -> None:
+        self.back_ns = back_ns
+        self.plugs += 1
+        self.user = None
+        self._forget_bytes()
+
+    def _forget_bytes(self) -> None:
+        self._to_board.clear()
+        self._to_host.clear()
 
     def _answer(self, data: bytes, at_ns: int) -> None:
         generator: random.Random = self._scheduler.random
@@ -170,14 +191,14 @@ class WorldLine:
         self,
         scheduler: Scheduler,
         board: WorldBoard,
+        port: str,
         *,
         timeout: float | None,
-        on_close: Callable[[], None] = lambda: None,
     ) -> None:
         scheduler.step("open the line")
         board.advance()
         user = board.user
-        if not board.present:
+        if not board.present or port != board.port:
             raise SerialException("no such port")
         if user is not None and not getattr(user, "dead", False):
             raise SerialException("the port is in use")
@@ -188,7 +209,7 @@ class WorldLine:
         board.arrived = b""
         self.timeout = timeout
         self._open = True
-        self._on_close = on_close
+        self._plugs = board.plugs
 
     @property
     def in_waiting(self) -> int:
@@ -204,7 +225,7 @@ class WorldLine:
 
         def there() -> bool:
             board.advance()
-            return len(board.arrived) >= size or not board.present
+            return len(board.arrived) >= size or board.plugs != self._plugs
 
         scheduler.wait(there, scheduler.now_ns + wait_ns, lambda: board.due_ns)
         self._check()
@@ -229,9 +250,8 @@ class WorldLine:
         """Close the port."""
         self._scheduler.step("close the line")
         self._open = False
-        if self._board.user is self._program:
+        if self._board.user is self._program and self._board.plugs == self._plugs:
             self._board.user = None
-        self._on_close()
 
     def _advance(self, name: str) -> None:
         self._scheduler.step(name)
@@ -241,5 +261,5 @@ class WorldLine:
     def _check(self) -> None:
         if not self._open:
             raise SerialException("the port is closed")
-        if not self._board.present:
+        if self._board.plugs != self._plugs:
             raise SerialException("the device was disconnected")

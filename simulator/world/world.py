@@ -13,7 +13,7 @@ from inspect import isfunction
 from pathlib import Path
 from typing import Any, cast
 
-from rig import Rig, RigConfig
+from rig import CameraError, Rig, RigConfig
 from rig.board import Board
 from rig.host import clock, filesystem, lines, program, threads
 from rig.shooting import lights_off
@@ -91,6 +91,7 @@ class World:
         self.board = WorldBoard(self.scheduler, leds)
         self.camera: WorldCamera | None = None
         self.camera_faults: dict[int, CameraFault] = {}
+        self._camera_back_ns = 0
         self._formation = formation or ImageFormation(bench_sensor())
         self.config = RigConfig(
             name="world",
@@ -130,13 +131,28 @@ class World:
         """Open the rig of the world; to be called in it."""
         board = Board(self.board.port)
         try:
-            self.camera = WorldCamera(
-                self.leds, self.board.view, self._formation, self.camera_faults
-            )
-            return Rig(board, self.camera, self.config)
+            return Rig(board, self.open_camera(), self.config, open_camera=self.open_camera)
         except BaseException:
             board.close()
             raise
+
+    def open_camera(self) -> WorldCamera:
+        """Open the camera; to be called in the world."""
+        self.scheduler.step("open the camera")
+        if self.scheduler.now_ns < self._camera_back_ns:
+            raise CameraError("no camera found")
+        self.camera = WorldCamera(self.leds, self.board.view, self._formation, self.camera_faults)
+        return self.camera
+
+    def unplug_camera(self, away_s: float) -> None:
+        """Unplug the camera now, and plug it in again after this time."""
+        self._camera_back_ns = self.scheduler.now_ns + round(away_s * 1e9)
+        if self.camera is not None:
+            self.camera.unplug()
+
+    def unplug_board(self, away_s: float) -> None:
+        """Unplug the board now, and plug it in again after this time, on a port of another name."""
+        self.board.unplug(round(away_s * 1e9), f"world-{self.board.plugs}")
 
     def connect(self, leds: int) -> None:
         """Replace the board by another one, which starts now."""
@@ -154,6 +170,7 @@ class World:
         """Let the operator repair disk, board and camera between two programs."""
         self.disk.repair()
         self.board.repair()
+        self._camera_back_ns = 0
 
     def forget_events(self) -> None:
         """Remove the faults that have not happened yet."""
@@ -179,8 +196,16 @@ class World:
         """Let a fault happen."""
         place, _, kind = event.kind.partition(":")
         value, scheduler = event.value, self.scheduler
+        # Some stay away for longer than a recording waits.
+        away_s = value / 8
         if kind == "brown-out":
             self.board.reset()
+        elif event.kind == "camera:away":
+            self.unplug_camera(away_s)
+        elif event.kind == "board:away":
+            if value % 2:  # it has no other supply
+                self.board.reset()
+            self.unplug_board(away_s)
         elif place == "board":
             # An LED; milliseconds that are about those of a shot; others are plausible as they are.
             most = {"wrong-led": self.leds, "goes-dark": 30}.get(kind, value + 1)
@@ -262,6 +287,7 @@ class World:
             (program, "not_at_exit", self._not_at_exit),
             (program, "send_to_itself", self._send_to_itself),
             (lines, "open_line", self._open_line),
+            (lines, "ports", self._ports),
         ]
         changes = [name for name, one in vars(filesystem).items() if isfunction(one)]
         own += [(filesystem, name, getattr(disk, name)) for name in changes]
@@ -334,5 +360,8 @@ class World:
         if running is not None:
             running.pending.append(number)
 
+    def _ports(self) -> dict[str, str]:
+        return {self.board.port: self.board.port} if self.board.present else {}
+
     def _open_line(self, port: str, *_: object, timeout: float | None = None, **__: object) -> Any:
-        return WorldLine(self.scheduler, self.board, timeout=timeout)
+        return WorldLine(self.scheduler, self.board, port, timeout=timeout)

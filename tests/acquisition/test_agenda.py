@@ -38,6 +38,7 @@ def test_a_rejected_shot_is_added_before_those_judged_by_it_otherwise_last() -> 
 # Shots as role, LED and exposure time.
 DARK, AMBIENT = ("dark", None, 200.0), ("ambient", None, 200.0)
 LONG, SHORT, OTHER = ("light", 0, 200.0), ("light", 0, 50.0), ("light", 1, 50.0)
+REPEAT = ("repeat", 0, 200.0)
 FLAT, FLAT_OF_1 = ("flat", 0, 200.0), ("flat", 1, 200.0)
 UNKNOWN = ("light", 0, None)
 
@@ -54,6 +55,9 @@ UNKNOWN = ("light", 0, None)
         pytest.param(SHORT, [LONG, OTHER], 2, id="after a longer one"),
         pytest.param(LONG, [OTHER, FLAT], 1, id="before the flats"),
         pytest.param(FLAT, [FLAT_OF_1, FLAT], 2, id="flat at the end"),
+        pytest.param(OTHER, [REPEAT, LONG, REPEAT, FLAT], 2, id="before the last repeat"),
+        pytest.param(REPEAT, [OTHER, REPEAT, FLAT], 0, id="repeat, with another to come"),
+        pytest.param(REPEAT, [OTHER, FLAT], 1, id="last repeat, before the flats"),
         pytest.param(LONG, [UNKNOWN, OTHER], 2, id="exposure of the other unknown"),
         pytest.param(UNKNOWN, [SHORT, LONG], 2, id="its exposure unknown"),
     ],
@@ -74,6 +78,7 @@ def test_shots_are_taken_and_put_back() -> None:
     assert list(agenda.take()) == [shots[0]]
     assert list(agenda.take(lambda shot: shot.led == 0)) == [shots[1]]
     agenda.put_back(deque(shots[:2]))
+    assert agenda.lights_left
     assert list(agenda.take(lambda shot: shot.led == 0)) == list(shots[:2])
     assert list(agenda.take(lambda shot: True)) == [shots[2]]
-    assert len(agenda) == 0
+    assert (len(agenda), agenda.lights_left) == (0, False)

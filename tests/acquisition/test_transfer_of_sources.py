@@ -30,7 +30,7 @@ from acquisition import (
 from acquisition.exports import prepare_export
 from acquisition.imports import Watch, lights_in_order, read_import
 from acquisition.pixels import write_tiff
-from acquisition.session.manifest import parse_manifest
+from acquisition.session.manifest import FORMAT_VERSION, parse_manifest
 from acquisition.source import Linearizer
 
 TABLE = TransferCurve.table([[0, 0], [100, 10], [255, 100]])
@@ -151,7 +151,7 @@ def test_an_import_records_the_curve_and_keeps_the_samples(tmp_path: Path, curve
     assert session.transfer == curve
     np.testing.assert_array_equal(session.frames[0].read(), GREY)
     recorded = tomllib.loads((tmp_path / "out/session.toml").read_text(encoding="utf-8"))
-    assert recorded["format_version"] == 5
+    assert recorded["format_version"] == FORMAT_VERSION
     assert recorded["transfer"] == curve.record()
     assert verify_session(tmp_path / "out").ok
     again = read_source(tmp_path / "out")

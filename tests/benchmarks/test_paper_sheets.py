@@ -22,8 +22,8 @@ def small(monkeypatch):
     # Those of the trained peer have the size that it was trained on.
     whole = {name: synthesis_peers.exemplar_of(name) for name in synthesis_peers.trained()}
     monkeypatch.setattr(synthesis_peers, "exemplar_of", whole.__getitem__)
-    monkeypatch.setattr(exemplars, "SIDE_PX", 96)
-    monkeypatch.setattr(sheets, "_QUICK_SIDE_PX", 300)
+    monkeypatch.setattr(exemplars, "SIDE_PX", 72)
+    monkeypatch.setattr(sheets, "_QUICK_SIDE_PX", 200)
     monkeypatch.setattr(sheets, "_SAME_MPX", 0.02)
     monkeypatch.setattr(sheets, "_BOWL_POINTS", 3000)
     given = sheets.materials

@@ -14,7 +14,7 @@ from tests.cases import cases
 
 pytestmark = pytest.mark.slow
 
-SIZE = (240, 192)
+SIZE = (180, 144)
 SEED = 77
 LENS = {"kind": "perspective", "width": 480, "height": 384, "sharp": False}
 PAINT = {"kind": "paint", "low": 0.3, "high": 0.7, "wavelength_mm": 40}
@@ -50,11 +50,14 @@ def recorded(name):
 
 
 # Height and strengths of the hemisphere are not found together well enough.
+LEFT_OUT = {("strengths", "hemisphere")}
+# A weak room light is the same on the other objects.
+LEFT_OUT |= {("weak room light", name) for name in ("coin", "textured", "few lights")}
 TRIED = {
     f"{remedy}, {name}": (remedy, name)
     for remedy in REMEDIES
     for name in OBJECTS
-    if (remedy, name) != ("strengths", "hemisphere")
+    if (remedy, name) not in LEFT_OUT
 }
 
 

@@ -101,8 +101,14 @@ DEFECTS = (
     Planted(
         "the rest of a sequence is forgotten",
         _LOOP,
-        "        self._todo.put_back(group)\n",
-        "",
+        "                    break\n        self._todo.put_back(group)\n",
+        "                    break\n",
+    ),
+    Planted(
+        "the rest of a sequence is forgotten when a device is gone",
+        _LOOP,
+        "            self._todo.put_back(group)\n            raise\n",
+        "            raise\n",
     ),
     Planted(
         "the session is completed although a write failed",

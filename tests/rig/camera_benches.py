@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from acquisition import NoiseModel
-from rig.genicam import open_genicam
+from rig.genicam import open_genicam, open_isolated
 from rig.host import clock
 from simulator.bench import BenchState, BenchWriter
 from simulator.camera import GentlCamera, ImageFormation, VirtualCamera
@@ -110,3 +110,10 @@ class GenICamBench(Bench):
     def close(self):
         super().close()
         self.device.close()
+
+
+class IsolatedBench(GenICamBench):
+    """The same camera, operated by another process."""
+
+    def _open(self, **options):
+        return open_isolated(self.device.cti, **options)

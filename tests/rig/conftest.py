@@ -41,19 +41,22 @@ class Bench:
 
     def rig(self, *, faults=None, on_close: Callable[[], None] = lambda: None, **config) -> Rig:
         config = {"settle_ms": 0, "frame_timeout_s": 0.05, **config}
-        camera = VirtualCamera(
+        return Rig(
+            Board(self.virtual.port),
+            self.camera(faults=faults),
+            RigConfig(name="test", driver="test", **config),
+            on_close=on_close,
+            open_camera=lambda: self.camera(),
+        )
+
+    def camera(self, **options) -> VirtualCamera:
+        return VirtualCamera(
             code_plane,
             size=SIZE,
             bench=self._open_state(),
-            faults=faults,
             # 10 electrons per grey value: the LED's code at 1000 us is 100 DN per LED.
             formation=ImageFormation(NoiseModel(10.0, 0.0, 0.0, 12), noisy=False),
-        )
-        return Rig(
-            Board(self.virtual.port),
-            camera,
-            RigConfig(name="test", driver="test", **config),
-            on_close=on_close,
+            **options,
         )
 
 

@@ -306,3 +306,13 @@ def test_darken_raises_nothing_without_a_board(own_bench):
     board.darken()
     board.close()
     board.darken()
+
+
+def test_a_signal_while_the_port_closes_writes_nothing(board, monkeypatch):
+    """Another file may have the number of the port by then."""
+    line, written = board._line._serial, []
+    with monkeypatch.context() as patched:
+        patched.setattr(line, "write", written.append)
+        patched.setattr(line, "close", board.darken)
+        board.close()
+    assert written == []

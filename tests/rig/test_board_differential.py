@@ -49,7 +49,7 @@ def test_virtual_board_and_firmware_agree(folder: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_virtual_board_and_firmware_agree_on_many_items(folder: Path, seed: int) -> None:
     agree(host(folder), HOST, items=10_000, seed=seed)
 

@@ -5,14 +5,13 @@ import os
 import threading
 import time
 import tty
-from types import SimpleNamespace
 
 import pytest
 
 from rig import Board, BoardError
 from rig.board import find_board, find_boards
 from rig.board import ports as ports
-from rig.host import clock
+from rig.host import clock, lines
 from tests.rig.fake_port import IDENTITY, device, saying
 
 TIMEOUT_S = 0.75
@@ -87,15 +86,14 @@ def test_without_a_board_the_message_lists_every_port():
 
 
 def test_no_ports_at_all(monkeypatch):
-    monkeypatch.setattr(ports.list_ports, "comports", list)
+    monkeypatch.setattr(lines, "ports", dict)
     assert find_boards() == ()
     with pytest.raises(BoardError, match="no serial port; check cable and power"):
         find_board()
 
 
 def test_the_ports_of_this_computer_are_queried(monkeypatch, real_bench):
-    present = [SimpleNamespace(device=real_bench.virtual.port)]
-    monkeypatch.setattr(ports.list_ports, "comports", lambda: present)
+    monkeypatch.setattr(lines, "ports", lambda: {real_bench.virtual.port: "its socket"})
     assert find_board() == real_bench.virtual.port
 
 

@@ -6,9 +6,20 @@ import pytest
 
 from rig import CameraError
 from rig.host import clock
-from tests.rig.camera_benches import EXPOSURE_US, SIZE, GenICamBench, InsideBench, grey
+from tests.rig.camera_benches import (
+    EXPOSURE_US,
+    SIZE,
+    GenICamBench,
+    InsideBench,
+    IsolatedBench,
+    grey,
+)
 
-BENCHES = [pytest.param(InsideBench, id="inside"), pytest.param(GenICamBench, id="genicam")]
+BENCHES = [
+    pytest.param(InsideBench, id="inside"),
+    pytest.param(GenICamBench, id="genicam"),
+    pytest.param(IsolatedBench, id="isolated"),
+]
 
 
 @pytest.fixture(params=BENCHES)

@@ -48,3 +48,13 @@ def test_the_state_of_an_unfinished_session(tmp_path, capsys, lines, damaged, sa
     assert capsys.readouterr().err.splitlines()[-1] == (
         f"{folder}: incomplete, {said.format(folder=folder)}"
     )
+
+
+def test_a_device_that_is_gone_is_reported_in_one_line_and_so_is_its_return(tmp_path, capsys):
+    talk = CaptureTalk(ResumeCommand(tmp_path))
+    talk.on_event("device_lost", {"device": "camera", "reason": "c7 no longer answers"})
+    talk.on_event("device_returned", {"device": "camera", "seconds": 4.2})
+    assert capsys.readouterr().err.splitlines() == [
+        "waiting for the camera: c7 no longer answers",
+        "the camera is back after 4 s: the recording continues",
+    ]

@@ -7,10 +7,12 @@ import json
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from acquisition import Session
 from sgp.sessions import audience
+from simulator.camera.virtual_sensor import VirtualSensor
 from tests.cases import cases
 from tests.sgp.small_rig import capture, events, press_ctrl_c
 
@@ -30,9 +32,9 @@ realtime = false
 """
 
 
-def rig_file(folder: Path, scene: str | Path = "coin") -> Path:
+def rig_file(folder: Path, scene: str | Path = "coin", *, more: str = "") -> Path:
     path = folder / "rig.toml"
-    path.write_text(RIG.format(scene=scene), encoding="utf-8")
+    path.write_text(RIG.format(scene=scene) + more, encoding="utf-8")
     return path
 
 
@@ -106,13 +108,16 @@ def test_other_warnings_stop_nothing_and_are_printed_once(sgp, tmp_path):
 def test_the_plan_states_the_repeat(sgp, tmp_path):
     words = ("--rig", rig_file(tmp_path), "--json")
     counts, seconds = {}, {}
-    for name, more in {"with": "", "without": "repeat = false\n"}.items():
+    plans = {"with": "", "without": "repeat = false\n", "more": "repeat_every = 2\n"}
+    for name, more in plans.items():
         figures = sgp("capture", "plan", plan_file(tmp_path, 8000.0, more), *words).figures()
         counts[name], seconds[name] = figures["counts"], figures["seconds"]
         assert len(figures["shots"]) == sum(figures["counts"].values())
     assert counts["with"] == {"light": 6, "dark": 1, "ambient": 0, "repeat": 1, "flat": 0}
     assert counts["without"]["repeat"] == 0
+    assert counts["more"]["repeat"] == 3
     assert seconds["with"] - seconds["without"] == pytest.approx(0.008 + 0.072)
+    assert seconds["more"] - seconds["with"] == pytest.approx(2 * (0.008 + 0.072))
 
 
 OBJECT = """
@@ -142,7 +147,7 @@ def test_a_session_is_not_resumed_with_another_object(sgp, world, tmp_path):
     assert done.code == 3
     line = done.err.splitlines()[-1]
     assert "of the image does not fit" in line
-    assert "another object, or a part of it moved; put it back, or record again" in line
+    assert "another object, or a part of it or the LED moved; put it back, or record again" in line
     assert line.endswith("; --accept object-changed continues anyway")
     assert (out / "journal.jsonl").read_bytes() == before
     # Another code does not help; the right object does.
@@ -171,3 +176,62 @@ def test_another_object_can_be_accepted(sgp, world, tmp_path):
     found = Session.open(out).events
     first = next(line for line in found if line.event == "compared")
     assert first.details["accepted"] == ["object-changed"]
+
+
+def moving(monkeypatch, px, change_at):
+    """Let the camera of simulated rigs see its scene moved from some lit exposure on."""
+    real, lit = VirtualSensor._lit, []
+
+    def moved(self, exposure, end_ns, key):
+        planes = real(self, exposure, end_ns, key)
+        lit.append(len(planes) > 1)
+        if sum(lit) < change_at:
+            return planes
+        return [(np.roll(plane, px, 1), us) for plane, us in planes]
+
+    monkeypatch.setattr(VirtualSensor, "_lit", moved)
+
+
+WATCHED = "repeats = 4\nrepeat_every = 4\n"
+
+
+@cases(("answer", "code"), {"accepted": ("yes\n", 0), "refused": ("no\n", 3)})
+def test_a_moved_object_is_asked_about_once(sgp, tmp_path, monkeypatch, answer, code):
+    monkeypatch.setattr(audience, "_is_attended", lambda: True)
+    monkeypatch.setattr(audience, "_forget_keys", lambda: None)
+    monkeypatch.setattr(sys, "stdin", io.StringIO(answer))
+    moving(monkeypatch, 2, 6)
+    words = ("--rig", rig_file(tmp_path), "--plan", plan_file(tmp_path, 8000.0, WATCHED))
+    done = sgp("capture", "run", tmp_path / "s", *words, "--skip-check")
+    assert done.code == code
+    assert done.err.count("continue anyway?") == 1
+    assert "the camera or the object moved by" in done.err
+    assert Session.open(tmp_path / "s").complete is (code == 0)
+
+
+def test_an_unattended_recording_stops_for_what_makes_it_useless(sgp, tmp_path, monkeypatch):
+    moving(monkeypatch, 2, 6)
+    words = ("--rig", rig_file(tmp_path), "--plan", plan_file(tmp_path, 8000.0, WATCHED))
+    done = sgp("capture", "run", tmp_path / "s", *words, "--skip-check")
+    assert done.code == 3
+    *_, state, error = done.err.splitlines()
+    assert "capture resume" in state
+    assert error.endswith("; --accept frame-shifted continues anyway")
+    accepted = ("--skip-check", "--accept", "frame-shifted")
+    assert sgp("capture", "run", tmp_path / "t", *words, *accepted).code == 0
+
+
+def test_an_unattended_recording_names_a_drift_at_once_and_continues(sgp, tmp_path):
+    rig = rig_file(tmp_path)
+    rig.write_text(rig.read_text() + "lamps = {warm_up = 0.1, warm_up_s = 0.2}\n")
+    words = ("--rig", rig, "--plan", plan_file(tmp_path, 8000.0, WATCHED), "--skip-check")
+    done = sgp("capture", "run", tmp_path / "s", *words, "--events").ok()
+    found = [json.loads(line) for line in done.out.splitlines()]
+    notices = [one for one in found if one["event"] == "notice"]
+    assert {one["code"] for one in notices} == {"light-changed"}
+    assert found.index(notices[0]) < max(
+        number for number, one in enumerate(found) if one.get("role") == "light"
+    )
+    assert [one["text"] for one in notices] == [
+        notice.text for notice in Session.open(tmp_path / "s").warnings
+    ]

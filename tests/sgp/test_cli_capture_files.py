@@ -210,6 +210,7 @@ def tethered(folder: Path, times: list[float]) -> Path:
     return folder
 
 
+@pytest.mark.usefixtures("world")
 def test_watching_a_folder(sgp, tmp_path):
     folder, out = tethered(tmp_path / "in", [0, 2, 4, 8, 10, 12]), tmp_path / "out"
     words = ("capture", "import", folder, "--watch", "--led-count", 7, "--out", out)
@@ -225,6 +226,7 @@ def test_watching_a_folder(sgp, tmp_path):
     assert sgp(*words).code == 4, "a complete session is not continued"
 
 
+@pytest.mark.usefixtures("world")
 @pytest.mark.parametrize(
     ("options", "expected"),
     [

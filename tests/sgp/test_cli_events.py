@@ -23,7 +23,7 @@ def documented() -> dict[str, list[str]]:
     """Return the keys of each event that the document lists."""
     text = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
     table = text.partition("## Events of a recording")[2].partition("\n## ")[0]
-    rows = re.findall(r"^\| (`.*?) \| (.*) \|$", table, re.MULTILINE)
+    rows = re.findall(r"^- (`.*?): (.*)$", table, re.MULTILINE)
     return {
         event: re.findall(r"`(\w+)`", keys)
         for events, keys in rows
@@ -62,6 +62,7 @@ def test_the_events_of_version_1():
     }  # fmt: skip
 
 
+@pytest.mark.usefixtures("simulated_world")
 def test_a_recording_states_every_frame_and_every_event(sgp, tmp_path):
     out, plan = tmp_path / "s", plan_file(tmp_path, 3000.0)
     answer = sgp(
@@ -87,6 +88,7 @@ def test_a_recording_states_every_frame_and_every_event(sgp, tmp_path):
     assert f"warning: exposure: {notice['text']}" in answer.err
 
 
+@pytest.mark.usefixtures("simulated_world")
 def test_a_question_is_stated_and_answered_by_accept(sgp, tmp_path):
     words = ("--rig", rig_file(tmp_path), "--plan", plan_file(tmp_path, 900_000.0), "--events")
     refused = sgp("capture", "run", tmp_path / "s", *words)
@@ -99,8 +101,10 @@ def test_a_question_is_stated_and_answered_by_accept(sgp, tmp_path):
     assert "question" not in kinds(stream(accepted.out))
 
 
+@pytest.mark.usefixtures("simulated_world")
 def test_a_failure_and_the_resume_after_it(sgp, tmp_path):
-    rig = rig_file(tmp_path, more="lamps = {dead = [4]}\n")
+    rig = rig_file(tmp_path)
+    rig.write_text(rig.read_text() + "lamps = {dead = [4]}\n")
     words = ("--rig", rig, "--plan", plan_file(tmp_path, 8000.0), "--skip-check", "--events")
     answer = sgp("capture", "run", tmp_path / "s", *words)
     assert answer.code == 3
@@ -123,6 +127,7 @@ def test_damage_is_a_notice(capsys, tmp_path):
     assert (notice["code"], notice["severity"]) == ("frame-damaged", "error")
 
 
+@pytest.mark.usefixtures("simulated_world")
 def test_the_white_card_is_not_asked_for(sgp, tmp_path, monkeypatch):
     monkeypatch.setattr("sgp.sessions.audience._is_attended", lambda: True)
     words = ("--rig", rig_file(tmp_path), "--plan", plan_file(tmp_path, 8000.0, "flats = 1\n"))

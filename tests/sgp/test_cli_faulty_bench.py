@@ -173,16 +173,13 @@ def test_a_board_of_24_leds_for_a_rig_of_36(tmp_path, sgp, words, options):
 
 
 def test_no_board_at_any_port(bench, sgp, monkeypatch):
-    monkeypatch.setattr(rig.board.ports.list_ports, "comports", list)
+    monkeypatch.setattr(rig.host.lines, "ports", dict)
     bench.options["port"] = "auto"
     assert "no LED board" in sgp("rig", "off", "--rig", bench.rig).error_line(3)
 
 
 def test_the_board_is_found_by_itself(bench, sgp, monkeypatch):
-    class Port:
-        device = bench.board.port
-
-    monkeypatch.setattr(rig.board.ports.list_ports, "comports", lambda: [Port])
+    monkeypatch.setattr(rig.host.lines, "ports", lambda: {bench.board.port: "its socket"})
     bench.options["port"] = "auto"
     assert sgp("rig", "off", "--rig", bench.rig).code == 0
 

@@ -67,7 +67,7 @@ def test_list_names_rigs_ports_and_cameras(bench, sgp, tmp_path):
 
 
 def test_an_empty_list_says_what_to_do(sgp, monkeypatch):
-    monkeypatch.setattr(rig.board.ports.list_ports, "comports", list)
+    monkeypatch.setattr(rig.host.lines, "ports", dict)
     answer = sgp("rig", "list").ok()
     assert "no LED board was found" in answer.out
     assert "--cti" in answer.out
@@ -75,7 +75,7 @@ def test_an_empty_list_says_what_to_do(sgp, monkeypatch):
 
 def test_a_missing_producer_is_reported_before_any_port_is_opened(sgp, monkeypatch, tmp_path):
     asked = []
-    monkeypatch.setattr(rig.board.ports.list_ports, "comports", lambda: asked.append(1) or [])
+    monkeypatch.setattr(rig.host.lines, "ports", lambda: asked.append(1) or {})
     answer = sgp("rig", "list", "--cti", tmp_path / "missing.cti")
     assert "missing.cti: no such file" in answer.error_line(2)
     assert not asked
@@ -136,10 +136,7 @@ def test_lights_need_no_camera(bench, sgp):
 
 
 def test_first_light_needs_no_rig_file(bench, sgp, monkeypatch):
-    class Port:
-        device = bench.board.port
-
-    monkeypatch.setattr(rig.board.ports.list_ports, "comports", lambda: [Port])
+    monkeypatch.setattr(rig.host.lines, "ports", lambda: {bench.board.port: "its socket"})
     assert sgp("rig", "light", 0, "--seconds", 0.2, "--rig", "bench").code == 0
     assert bench.state.periods()[-1].led == 0
     assert bench.dark()

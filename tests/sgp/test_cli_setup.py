@@ -18,7 +18,7 @@ from sgp.rigs import led_positions, rig_notices
 def spheres(tmp_path_factory):
     """A session of a simulated rig with four chrome spheres under eight LEDs."""
     out = tmp_path_factory.mktemp("scene") / "spheres"
-    words = ["simulate", "spheres", "--led-count", "8", "--out", str(out)]
+    words = ["simulate", "spheres", "--size", "480x384", "--led-count", "8", "--out", str(out)]
     assert run(build(), words) == 0
     return out
 

@@ -18,6 +18,7 @@ WITHOUT = {
     "rig.end_program": "ends the program",
     "rig.open_bench": "needs a camera and a board",
     "rig.genicam.open_genicam": "needs a camera",
+    "rig.genicam.open_isolated": "needs a camera",
     "rig.resend_signal": "interrupts the main thread",
 }
 # What these need is not there: their examples are shown, but not run.

@@ -1,0 +1,272 @@
+"""Shifts of the images of a recording against each other, to hundredths of a pixel."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+
+from calibration import EstimateError
+from calibration.radiance import Shift
+from processing.images.block_means import block_mean
+from processing.images.recorded_images import Images
+from processing.registration.shift_fit import MARGIN, Patches, first_step, fit_shifts
+from rig.arrays import Bool, Float32, Float64, Intp
+from rig.messages import short_repr
+
+# Blocks of the first stage, along a side of the object, at most; the fewest in its coarsest level.
+_BLOCKS: Final = 220
+_FEWEST: Final = 14
+# Parts of the images in full resolution, and their size in pixels.
+_TILES: Final = 40
+_TILE: Final = 40
+# Blocks around the object that show its outline.
+_OUTLINE: Final = 12
+_BESIDE_SHADOWS: Final = 5
+_STEPS: Final = (12, 6)
+# Largest step at a coarse scale, in its pixels, of images that stand still.
+_STILL: Final = 0.2
+# Error of shifts where the model explains nothing, and the least share that it must explain: on a
+# bare hemisphere 0.2 px and 0.43, on objects with structure up to 0.03 px and from 0.7 on.
+_BIAS_PX: Final = 0.4
+_LEAST_EXPLAINED: Final = 0.45
+# Largest credible shift, as a share of the size of the object: false matches are larger.
+_MOST_SHIFT: Final = 1 / 4
+# Fewer images or pixels determine no shifts.
+_FEWEST_IMAGES: Final = 5
+_FEWEST_PIXELS: Final = 150
+
+VectorsAt = Callable[[Float64, Float64], Float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ImageShifts:
+    """Shifts of N images.
+
+    Parameters
+    ----------
+    shifts_px
+        ``(N, 2)``: by how much the object is further right and down in an image, against the median
+        of all images.
+    sigma_px
+        ``(N, 2)`` their standard deviations, from the scatter between parts of the object and from
+        what the model leaves.
+    explained
+        Share of the fine structure that the model explains. Below about 0.45, the images show too
+        little structure besides shadows and highlights, and the shifts are not determined.
+    size_px
+        Size of the object.
+    """
+
+    shifts_px: Float64
+    sigma_px: Float64
+    explained: float
+    size_px: float
+
+    __repr__ = short_repr
+
+    @property
+    def largest_px(self) -> float:
+        """The largest distance from the median position."""
+        return float(np.hypot(*self.shifts_px.T).max())
+
+    @property
+    def determined(self) -> bool:
+        """Whether the images show enough structure, and the shifts are not suspiciously large."""
+        return self.explained > _LEAST_EXPLAINED and self.largest_px < _MOST_SHIFT * self.size_px
+
+    def significant(self, least_px: float) -> Bool:
+        """Return which images are shifted by more than a distance, and surely."""
+        distance, sigma = np.hypot(*self.shifts_px.T), np.hypot(*self.sigma_px.T)
+        return np.asarray((distance > least_px) & (distance > 3 * sigma))
+
+
+def find_image_shifts(
+    images: Images, mask: Bool, vectors_at: VectorsAt, least_px: float = 0.0
+) -> ImageShifts:
+    """Find the shifts of images of one object under different lights.
+
+    The model is a matte surface with any albedo and normals (`processing.registration.shift_fit`);
+    only structure finer than some pixels counts, so that lights, curve and reflectance need not be
+    exact. Shifts of up to a tenth of the size of the object are found, from coarse to fine.
+
+    Parameters
+    ----------
+    images
+        N images ``(H, W)``, linear radiance divided by the intensities of the lights, NaN where
+        missing; at least 5.
+    mask
+        ``(H, W)`` bool, the object.
+    vectors_at
+        Returns light vectors ``(P, N, 3)`` at rows and columns ``(P,)``.
+    least_px
+        Smallest shift of interest: if a first look, which takes a tenth of the time, shows none at
+        any scale, all shifts are 0.
+
+    Raises
+    ------
+    EstimateError
+        If there are too few images, or the object is too small.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing.registration import find_image_shifts
+    >>> rng = np.random.default_rng(1)
+    >>> paint = np.pad(rng.uniform(0.2, 1, (80, 80)).astype(np.float32), 20)
+    >>> lights = np.array([[1, 0, 2], [0, 1, 2], [-1, 0, 2], [0, -1, 2], [0, 0, 2.2]]) / 2.2
+    >>> images = [paint * light[2] for light in lights]
+    >>> images[3] = np.roll(images[3], 2, axis=1)
+    >>> at = lambda rows, columns: np.broadcast_to(lights, (len(rows), 5, 3))
+    >>> found = find_image_shifts(images, paint > 0, at)
+    >>> found.shifts_px[3].round(1) + 0.0
+    array([2., 0.])
+    """
+    count, area = len(images), int(np.count_nonzero(mask))
+    if count < _FEWEST_IMAGES or area < _FEWEST_PIXELS:
+        raise EstimateError(
+            f"{count} images with {area} pixels of the object: {_FEWEST_IMAGES} images and "
+            f"{_FEWEST_PIXELS} pixels are needed to find shifts"
+        )
+    first = max(1, math.ceil(math.sqrt(area) / _BLOCKS))
+    blocks = [_reduced(image, first) for image in images]
+    inside = _reduced(mask.astype(np.float32), first) > 0.999
+    # The outline moves with the object, and distinguishes the periods of a pattern.
+    outline = np.asarray(
+        cv2.dilate(inside.astype(np.float32), np.ones((3, 3)), iterations=_OUTLINE), np.float32
+    )
+    coarsest = 1
+    while math.sqrt(inside.sum()) / (2 * coarsest) >= _FEWEST:
+        coarsest *= 2
+
+    def level(size: int) -> Patches:
+        values = np.stack([_reduced(block, size) for block in blocks])
+        counts = _reduced(outline, size) > 0.999
+        return _complete(values, counts, vectors_at, first * size)
+
+    corners, still = _corners(np.stack(blocks), inside, first), np.zeros((count, 2))
+    if least_px > 0:
+        tiles = _tiles_of(images, mask, corners, still, vectors_at)
+        seen = [np.abs(first_step(one)).max() for one in (level(coarsest), level(1), tiles)]
+        if all(step < most for step, most in zip(seen, (_STILL, _STILL, least_px), strict=True)):
+            return ImageShifts(still, np.full((count, 2), least_px), 1.0, math.sqrt(area))
+    by_energy = _by_energy(blocks) * first
+    shifts, size = by_energy, coarsest
+    while size >= 1:
+        # Repeated structure may mislead the level before: other starts compete with it.
+        step = first * size
+        starts = [still, shifts / step, by_energy / step]
+        shifts = fit_shifts(level(size), starts, _STEPS[0]).shifts * step
+        size //= 2
+    shifts -= np.median(shifts, axis=0)
+    whole = np.rint(shifts)
+    patches = _tiles_of(images, mask, corners, whole, vectors_at)
+    fit = fit_shifts(patches, [shifts - whole], _STEPS[1])
+    shifts = whole + fit.shifts
+    by_model = _BIAS_PX * (1 - fit.explained) ** 2
+    sigma = np.sqrt(np.maximum(np.diag(fit.covariance), 0) + by_model**2).reshape(count, 2)
+    return ImageShifts(shifts - np.median(shifts, axis=0), sigma, fit.explained, math.sqrt(area))
+
+
+def _by_energy(blocks: list[Float32]) -> Float64:
+    """Return shifts by where fine structure is strong, whatever its sign, in blocks.
+
+    Strength depends less on the light than structure itself, and has no period of a pattern.
+    """
+    maps = []
+    for block in blocks:
+        root = np.sqrt(np.maximum(np.nan_to_num(block, nan=1.0), 0))
+        fine = np.abs(root - cv2.GaussianBlur(root, (0, 0), 1.5))
+        even = cv2.GaussianBlur(fine, (0, 0), 1.5) / max(float(fine.mean()), 1e-9)
+        maps.append(np.asarray(even, np.float32))
+    height, width = maps[0].shape
+    window = cv2.createHanningWindow((width, height), cv2.CV_32F)
+    shifts, reference = np.zeros((len(maps), 2)), maps[len(maps) // 2]
+    for _ in range(2):
+        found = [cv2.phaseCorrelate(reference, one, window)[0] for one in maps]
+        shifts = np.array(found)
+        aligned = [
+            Shift(right, down).moved(one, 0, slice(0, height))
+            for one, (right, down) in zip(maps, shifts.tolist(), strict=True)
+        ]
+        reference = np.asarray(np.nan_to_num(aligned).mean(axis=0), np.float32)
+    return shifts - np.median(shifts, axis=0)
+
+
+def _reduced(image: Float32, size: int) -> Float32:
+    """Return the means over blocks; the rest at the right and lower border is left out."""
+    rows, columns = (length // size * size for length in image.shape)
+    return block_mean(np.ascontiguousarray(image[:rows, :columns]), size)
+
+
+def _complete(values: Float32, inside: Bool, vectors_at: VectorsAt, size: int) -> Patches:
+    """Return complete images, whose pixels are as large as ``size`` pixels, as patches."""
+
+    def vectors(pixels: Intp) -> Float64:
+        rows, columns = np.divmod(pixels, inside.shape[1])
+        middle = (size - 1) / 2
+        return vectors_at(rows * size + middle, columns * size + middle)
+
+    return Patches(values[:, None], inside[None], vectors, size)
+
+
+def _corners(blocks: Float32, inside: Bool, size: int) -> Intp:
+    """Return the first row and column ``(T, 2)`` of the tiles with most structure both ways."""
+    known = np.nan_to_num(blocks)
+    rows, columns = inside.shape
+    wide = max(1, _TILE // size)
+    scores = []
+    for top in range(0, rows - wide + 1, wide):
+        for left in range(0, columns - wide + 1, wide):
+            if inside[top : top + wide, left : left + wide].mean() < 0.5:
+                continue
+            part = known[:, top : top + wide, left : left + wide]
+            if wide < 2:
+                scores.append((float(part.std()), top, left))
+                continue
+            right, down = np.diff(part, axis=2), np.diff(part, axis=1)
+            least = min(float((right**2).mean()), float((down**2).mean()))
+            scores.append((least, top, left))
+    best = sorted(scores, reverse=True)[:_TILES]
+    return np.array([(top * size, left * size) for _, top, left in best], np.intp).reshape(-1, 2)
+
+
+def _tiles_of(
+    images: Images, mask: Bool, corners: Intp, whole: Float64, vectors_at: VectorsAt
+) -> Patches:
+    """Return tiles of all images in full resolution, moved back by whole pixels."""
+    side = _TILE + 2 * MARGIN
+    values = np.full((len(images), len(corners), side, side), np.nan, np.float32)
+    inside = np.zeros((len(corners), side, side), bool)
+    core = slice(MARGIN, MARGIN + _TILE)
+    for t, (top, left) in enumerate(corners):
+        part = mask[top : top + _TILE, left : left + _TILE]
+        inside[t, core, core][: part.shape[0], : part.shape[1]] = part
+    for k, image in enumerate(images):
+        right, down = whole[k].astype(int).tolist()
+        for t, (top, left) in enumerate(corners):
+            values[k, t] = _window(image, top - MARGIN + down, left - MARGIN + right, side)
+    inside &= np.isfinite(values).all(axis=0)
+
+    def vectors(pixels: Intp) -> Float64:
+        tile, rest = np.divmod(pixels, side * side)
+        rows, columns = np.divmod(rest, side)
+        return vectors_at(corners[tile, 0] + rows - MARGIN, corners[tile, 1] + columns - MARGIN)
+
+    return Patches(values, inside, vectors, 1, beside_shadows=_BESIDE_SHADOWS)
+
+
+def _window(image: Float32, top: int, left: int, side: int) -> Float32:
+    """Return a square part of an image, NaN outside it."""
+    part = np.full((side, side), np.nan, np.float32)
+    height, width = image.shape
+    rows = slice(max(0, top), max(0, min(height, top + side)))
+    columns = slice(max(0, left), max(0, min(width, left + side)))
+    part[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left] = image[
+        rows, columns
+    ]
+    return part

@@ -1,0 +1,305 @@
+"""Fit of the shifts of images under different lights, with the surface eliminated.
+
+Of a matte surface, image k shows b(x + s_k) . l_k(x), with the scaled normal b of each pixel, its
+light vector l_k and the shift s_k. Smooth deviations from this model (near lights, room light,
+gloss) are removed by a high-pass filter, which commutes with the sum as far as the light vectors
+change slowly. b is eliminated from the normal equations of all shifts, so that no image is the
+reference. Shadows and highlights have low weights.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+
+from calibration.radiance import Shift
+from rig.arrays import Bool, Float32, Float64, Intp
+
+# Structure wider than this many pixels is removed.
+SMOOTH_PX: Final = 3.0
+# Pixels beyond a patch that filter and interpolation need.
+MARGIN: Final = 14
+# Darker samples, relative to the brightest of their pixel, are probably in shadow.
+_DARK: Final = 0.1
+_TUNING: Final = 2.0
+_MOST_PIXELS: Final = 12_000
+_FIRST_PIXELS: Final = 4_000
+# Prior of shifts in pixels of the full images, and of relative strengths.
+_PRIOR_PX: Final = 40.0
+_PRIOR_GAIN: Final = 0.3
+_SETTLED_PX: Final = 0.003
+_MOST_DAMPING: Final = 1e3
+_RIDGE: Final = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Patches:
+    """Parts of all images.
+
+    Parameters
+    ----------
+    values
+        ``(N, T, h, w)`` linear radiance with ``MARGIN`` pixels on each side, NaN where missing.
+    inside
+        ``(T, h, w)`` bool: pixels that count, none of them in the margin.
+    vectors
+        Return light vectors ``(P, N, 3)`` of pixels by their flat indices into ``inside``.
+    size
+        Pixels of the full images along a side of a pixel.
+    beside_shadows
+        Distance from shadows in pixels within which samples do not count, since the filter mixes
+        them with the shadow.
+    """
+
+    values: Float32
+    inside: Bool
+    vectors: Callable[[Intp], Float64]
+    size: int
+    beside_shadows: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class ShiftFit:
+    """Fitted shifts.
+
+    Parameters
+    ----------
+    shifts
+        ``(N, 2)`` right and down, pixels of the patches; their mean is 0.
+    covariance
+        ``(2 N, 2 N)`` from the scatter between parts of the object.
+    """
+
+    shifts: Float64
+    covariance: Float64
+    explained: float
+
+
+def fit_shifts(patches: Patches, starts: Sequence[Float64], steps: int) -> ShiftFit:
+    """Fit the shifts by damped Gauss-Newton steps, from the best of several starts.
+
+    Parameters
+    ----------
+    patches
+        Parts of the images.
+    starts
+        First shifts ``(N, 2)``, right and down, in pixels of the patches.
+    steps
+        Largest number of steps from each.
+    """
+    pixels = _strongest(patches, _MOST_PIXELS)
+    vectors = patches.vectors(pixels)
+    fits = []
+    scale = None
+    for start in starts:
+        shifts, damping = start - start.mean(axis=0), 1e-3
+        state = _linearized(patches, pixels, vectors, shifts, scale)
+        scale = state.scale
+        for _ in range(steps):
+            change = _step(state, damping)
+            new = _linearized(patches, pixels, vectors, shifts + change, scale)
+            if new.cost <= state.cost:
+                shifts, state, damping = shifts + change, new, max(damping / 5, 1e-6)
+                if np.abs(change).max() < _SETTLED_PX:
+                    break
+            else:
+                damping *= 10
+                if damping > _MOST_DAMPING:
+                    break
+        fits.append((state.cost, shifts, state))
+    _, shifts, state = min(fits, key=lambda fit: fit[0])
+    return ShiftFit(shifts, _covariance(state), state.explained)
+
+
+def first_step(patches: Patches) -> Float64:
+    """Return the shifts ``(N, 2)`` that a single step from no shifts gives."""
+    pixels = _strongest(patches, _FIRST_PIXELS)
+    none = np.zeros((len(patches.values), 2))
+    return _step(_linearized(patches, pixels, patches.vectors(pixels), none, None), 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """The linearized problem: normal equations of three parameters for each image."""
+
+    hessian: Float64
+    gradient: Float64
+    of_tiles: Float64
+    scale: Float64
+    cost: float
+    explained: float
+
+
+def _filtered(patches: Patches, shifts: Float64) -> tuple[Float32, Float32]:
+    """Return the samples moved back by the shifts, and the same without smooth structure."""
+    moved = np.empty_like(patches.values)
+    fine = np.empty_like(moved)
+    for k, (right, down) in enumerate(shifts.tolist()):
+        for tile, image in enumerate(patches.values[k]):
+            part = Shift(right, down).moved(image, 0, slice(0, len(image)))
+            known = np.isfinite(part)
+            weight = cv2.GaussianBlur(known.astype(np.float32), (0, 0), SMOOTH_PX)
+            filled = np.where(known, part, np.float32(0))
+            smooth = cv2.GaussianBlur(filled, (0, 0), SMOOTH_PX) / np.maximum(weight, 1e-3)
+            moved[k, tile], fine[k, tile] = part, np.where(known, part - smooth, np.float32(0))
+    return moved, fine
+
+
+def _lit(moved: Float32, beside: int) -> Bool:
+    """Return the samples that are lit, and not next to a shadow, whose edge is no structure."""
+    known = np.isfinite(moved)
+    light = np.where(known, moved, np.float32(0))
+    dark = known & (light < _DARK * light.max(axis=0))
+    near = np.ones((2 * beside + 1, 2 * beside + 1), np.uint8)
+    wide = [[cv2.dilate(tile.astype(np.uint8), near) for tile in image] for image in dark]
+    return np.asarray(known & (np.array(wide) == 0))
+
+
+def _slopes(fine: Float32) -> tuple[Float32, Float32]:
+    """Return the slopes right and down of patches ``(N, T, h, w)``, by central differences."""
+    right, down = np.zeros_like(fine), np.zeros_like(fine)
+    right[..., 1:-1] = (fine[..., 2:] - fine[..., :-2]) / 2
+    down[..., 1:-1, :] = (fine[..., 2:, :] - fine[..., :-2, :]) / 2
+    return right, down
+
+
+def _strongest(patches: Patches, most: int) -> Intp:
+    """Return the flat indices of the pixels with most structure."""
+    _, fine = _filtered(patches, np.zeros((len(patches.values), 2)))
+    energy = np.zeros(patches.inside.shape)
+    for image in fine:
+        right, down = _slopes(image)
+        energy += right.astype(np.float64) ** 2 + down.astype(np.float64) ** 2
+    energy[~patches.inside] = -1
+    count = min(most, int(patches.inside.sum()))
+    return np.sort(np.argpartition(energy.ravel(), -count)[-count:])
+
+
+def _linearized(
+    patches: Patches, pixels: Intp, vectors: Float64, shifts: Float64, scale: Float64 | None
+) -> _State:
+    """Return the normal equations at some shifts.
+
+    ``scale`` ``(P, 1)`` are the standard deviations of the residuals of the pixels; computed if it
+    is None.
+    """
+    moved, fine = _filtered(patches, shifts)
+    count = len(moved)
+    seen = fine.reshape(count, -1)[:, pixels].T.astype(np.float64)
+    usable = _lit(moved, patches.beside_shadows).reshape(count, -1)[:, pixels].T
+    slopes = [one.reshape(count, -1)[:, pixels].T.astype(np.float64) for one in _slopes(fine)]
+    solved, residuals, weights, scale = _surface(vectors, seen, usable, scale)
+    across, along, itself = (
+        (vectors @ solved(values)[..., None])[..., 0] for values in (*slopes, seen)
+    )
+    # Of the aligned samples by shifts of their image and by its strength.
+    columns = np.stack([-across, -along, itself], axis=2)
+    weighted = weights[..., None] * vectors
+    factor = np.linalg.cholesky(_inverse(weighted, vectors))
+    # What the surface follows, (P, 3, 3 N).
+    size = 3 * count
+    followed = (columns[..., None] * weighted[:, :, None, :]).reshape(len(pixels), size, 3) @ factor
+    flat = followed.transpose(0, 2, 1).reshape(-1, size)
+    hessian = -(flat.T @ flat)
+    own = np.einsum("pka,pk,pkb->kab", columns, weights, columns)
+    for k in range(count):
+        hessian[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] += own[k]
+    scores = (columns * (weights * residuals)[..., None]).reshape(len(pixels), size)
+    tiles = _tiles(pixels, patches.inside.shape)
+    of_tiles = np.zeros((int(tiles.max()) + 1, size))
+    np.add.at(of_tiles, tiles, scores)
+    ratio = residuals / (_TUNING * scale)
+    cost = float((_TUNING**2 / 2 * np.log1p(ratio**2))[usable].sum())
+    prior = _priors(count, patches.size)
+    offsets = np.concatenate([shifts, np.zeros((count, 1))], axis=1).reshape(-1)
+    cost += float((prior * offsets**2).sum()) / 2
+    gradient = scores.sum(axis=0) - prior * offsets
+    left = np.median(np.abs(residuals[usable])) / max(float(np.median(np.abs(seen[usable]))), 1e-12)
+    explained = 1 - float(left)
+    return _State(hessian + np.diag(prior), gradient, of_tiles, scale, cost, explained)
+
+
+def _surface(
+    vectors: Float64, seen: Float64, usable: Bool, scale: Float64 | None
+) -> tuple[Callable[[Float64], Float64], Float64, Float64, Float64]:
+    """Fit scaled normals robustly.
+
+    Returns a function that fits other values with the same weights, the residuals, the weights (the
+    reciprocal variances) and the standard deviations of the residuals.
+    """
+    weights = usable.astype(np.float64)
+    for _ in range(3):
+        weighted = weights[..., None] * vectors
+        inverse = _inverse(weighted, vectors)
+        normals = (inverse @ (weighted.transpose(0, 2, 1) @ seen[..., None]))[..., 0]
+        residuals = seen - (vectors @ normals[..., None])[..., 0]
+        if scale is None:
+            spread = 1.4826 * float(np.median(np.abs(residuals[usable])))
+            own = 1.4826 * np.median(np.abs(residuals), axis=1, keepdims=True)
+            found = np.maximum(own, max(spread, 1e-12))
+        else:
+            found = scale
+        weights = usable / (1 + (residuals / (_TUNING * found)) ** 2) / found**2
+
+    def solved(values: Float64) -> Float64:
+        weighted = weights[..., None] * vectors
+        return np.asarray((inverse @ (weighted.transpose(0, 2, 1) @ values[..., None]))[..., 0])
+
+    inverse = _inverse(weights[..., None] * vectors, vectors)
+    return solved, residuals, weights, found
+
+
+def _inverse(weighted: Float64, vectors: Float64) -> Float64:
+    """Return the covariances ``(P, 3, 3)`` of scaled normals; large ones where light is missing."""
+    matrix = weighted.transpose(0, 2, 1) @ vectors
+    ridge = _RIDGE * np.maximum(np.trace(matrix, axis1=1, axis2=2), _RIDGE)
+    inverse = np.linalg.inv(matrix + ridge[:, None, None] * np.eye(3))
+    return np.asarray((inverse + inverse.transpose(0, 2, 1)) / 2)
+
+
+def _tiles(pixels: Intp, shape: tuple[int, ...]) -> Intp:
+    """Return the part of the object of each pixel: its patch, or one of 36 parts of one patch."""
+    tile, rest = np.divmod(pixels, shape[1] * shape[2])
+    if shape[0] > 1:
+        return tile
+    rows, columns = np.divmod(rest, shape[2])
+    return np.asarray((rows * 6 // shape[1]) * 6 + columns * 6 // shape[2])
+
+
+def _priors(count: int, size: int) -> Float64:
+    """Return the reciprocal variances of the priors of all parameters."""
+    one = [(size / _PRIOR_PX) ** 2, (size / _PRIOR_PX) ** 2, _PRIOR_GAIN**-2]
+    return np.tile(one, count)
+
+
+def _held(hessian: Float64) -> Float64:
+    """Return the normal equations with the mean of all images held: the surface follows it."""
+    held, count = hessian.copy(), len(hessian) // 3
+    for axis in range(3):
+        common = np.arange(3 * count) % 3 == axis
+        strength = float(np.median(np.diag(hessian)[common]))
+        held += strength * np.outer(common, common) / count
+    return held
+
+
+def _step(state: _State, damping: float) -> Float64:
+    """Return the change of the shifts, whose mean stays 0."""
+    system = _held(state.hessian) + np.diag(damping * np.diag(state.hessian))
+    change = np.linalg.solve(system, state.gradient).reshape(-1, 3)[:, :2]
+    change = np.clip(change, -1.5, 1.5)
+    return np.asarray(change - change.mean(axis=0))
+
+
+def _covariance(state: _State) -> Float64:
+    """Return the covariance of the shifts from the scatter between parts of the object."""
+    count = len(state.gradient) // 3
+    inverse = np.linalg.inv(_held(state.hessian))
+    scatter = state.of_tiles - state.of_tiles.mean(axis=0)
+    parts = max(1, int((np.abs(state.of_tiles).sum(axis=1) > 0).sum()))
+    between = inverse @ (scatter.T @ scatter * parts / max(1, parts - 1)) @ inverse
+    keep = np.arange(3 * count) % 3 < 2
+    return np.asarray(between[np.ix_(keep, keep)])
