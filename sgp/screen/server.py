@@ -29,7 +29,7 @@ from rig.messages import validation_message
 from sgp.cli.exit import UsageError, error_text
 from sgp.screen.access import Access
 from sgp.screen.actions import ACTION, Action
-from sgp.screen.beside import Beside
+from sgp.screen.side_thread import SideThread
 from sgp.screen.station import BusyError, Station
 
 _LOOK_S: Final = 0.03
@@ -111,16 +111,16 @@ class ScreenServer:
                 timeout_graceful_shutdown=1,
             )
         )
-        self._beside = Beside(station, lambda: self._server.run(sockets=[self._socket]))
+        self._side = SideThread(station, lambda: self._server.run(sockets=[self._socket]))
 
     def __enter__(self) -> Self:
-        self._beside.start()
+        self._side.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._server.should_exit = True
         try:
-            self._beside.end()
+            self._side.end()
         finally:
             self._socket.close()
 

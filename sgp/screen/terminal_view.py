@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from sgp.cli.console import terminal
 from sgp.cli.exit import UsageError
-from sgp.screen.beside import Beside
+from sgp.screen.side_thread import SideThread
 from sgp.screen.station import BusyError, Station
 
 if sys.platform != "win32":
@@ -52,19 +52,19 @@ class TerminalView:
         self._station, self._leds = station, leds
         self._best: tuple[object, float] = ("", 0.0)
         self._said = ""
-        self._beside = Beside(station, self._show)
+        self._side = SideThread(station, self._show)
 
     @contextmanager
     def shown(self) -> Iterator[None]:
         """Show the station inside the block, with a terminal that passes on every key."""
         before = termios.tcgetattr(sys.stdin)
         tty.setcbreak(sys.stdin)
-        self._beside.start()
+        self._side.start()
         try:
             yield
         finally:
             try:
-                self._beside.end()
+                self._side.end()
             finally:
                 termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)
 

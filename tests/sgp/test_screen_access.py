@@ -164,7 +164,7 @@ def test_bodies_of_another_kind_are_refused(
         "deep": b"[" * 60_000,
         "a list": b"[]",
         "no action": b"{}",
-        "an unknown action": b'{"do": "burn"}',
+        "an unknown action": b'{"do": "dance"}',
         "an unknown key": b'{"do": "stop", "now": true}',
         "a number as text": BODY.replace(b"[3]", b'["3"]'),
         "a negative LED": BODY.replace(b"[3]", b"[-1]"),
@@ -245,7 +245,7 @@ def test_malformed_requests_do_nothing(page: Served, caplog: pytest.LogCaptureFi
         with suppress(ConnectionError):  # closed before the end
             link.sendall(malformed(random_, page))
         if random_.random() < 0.02:
-            open_links.append(link)  # which never goes on
+            open_links.append(link)  # which sends no more
         else:
             link.close()
     assert page.get("")[0] == 200

@@ -341,10 +341,19 @@ def test_a_recording_whose_board_disappears_is_resumed(
     page.do(do="record", object="owl", check=False)
     until(lambda: (page.station.state()["recording"] or {}).get("frames"))
     rig.unplug()
+
+    def waits() -> bool:
+        page.station.attend()
+        lines = page.station.state()["recording"]["lines"]
+        return any("waiting for the board" in line["text"] for line in lines)
+
+    until(waits)
+    page.do(do="stop")  # the board will be back at another port
     state = page.finished()
     assert state["recording"]["state"] == "incomplete"
     before = [one["file"] for one in state["recording"]["frames"]]
     rig.connect()
+    page.do(do="pause", paused=False)
     shown(page)
     page.do(do="resume")
     state = page.finished()

@@ -1,4 +1,4 @@
-"""A thread beside a station, for its page or its terminal."""
+"""A thread for the page or the terminal of a station."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from collections.abc import Callable
 from sgp.screen.station import Station
 
 
-class Beside:
-    """Runs a function beside a station, which is closed when the function ends.
+class SideThread:
+    """Runs a function in a thread; the station is closed when it ends.
 
     Parameters
     ----------
