@@ -77,7 +77,8 @@ def preview(
     name = chosen_rig(rig)
     config, order = rigs.find_rig_config(name), Order.read(name, rig, stored)
     chosen, _ = chosen_plan(plan, config)
-    desk = Desk(PlanSheet(chosen, config))
+    # A recording states which LEDs of the plan file it leaves out.
+    desk = Desk(PlanSheet(chosen if plan is None else acquisition.read_plan(plan), config))
     station = Station(
         lambda: rigs.open_rig(name),
         desk,
@@ -105,10 +106,11 @@ def _page(station: Station, screen: Screen, port: int, no_open: bool) -> Iterato
     try:
         from sgp.screen.server import ScreenServer
     except ModuleNotFoundError as error:
-        if error.name not in _EXTRA:
+        missing = (error.name or "").partition(".")[0]
+        if missing not in _EXTRA:
             raise
         raise UsageError(
-            f"the page needs the extra `screen` ({error.name} is missing): install "
+            f"the page needs the extra `screen` ({missing} is missing): install "
             "surface-geometry-processing[screen], or use --terminal"
         ) from error
     with ScreenServer(station, screen.perform, screen.picture, port=port) as server:

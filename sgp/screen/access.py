@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hmac
+import json
 from collections.abc import Awaitable, Callable, MutableMapping
+from http import HTTPStatus
 from typing import Any, Final
 
 Scope = MutableMapping[str, Any]
@@ -99,12 +101,14 @@ class Access:
         if headers.get(b"content-type") != [b"application/json"]:
             return 415
         length = headers.get(b"content-length", [b""])[0]
-        if not length.isdigit():
+        if b"transfer-encoding" in headers or not length.isdigit():
             return 411
         return 413 if int(length) > MOST_BODY else None
 
 
 async def _refuse(send: Send, status: int) -> None:
-    headers = [(b"content-length", b"0"), (b"connection", b"close"), *_HEADERS]
+    body = json.dumps({"error": HTTPStatus(status).phrase}).encode()
+    length = (b"content-length", str(len(body)).encode())
+    headers = [length, (b"content-type", b"application/json"), (b"connection", b"close"), *_HEADERS]
     await send({"type": "http.response.start", "status": status, "headers": headers})
-    await send({"type": "http.response.body", "body": b""})
+    await send({"type": "http.response.body", "body": body})

@@ -41,6 +41,7 @@ class Desk:
         self._shown: dict[str, Any] = {
             "checks": None,
             "metered": None,
+            "notices": [],
             "recording": None,
             "look": None,
             "mm_per_px": None,

@@ -35,12 +35,16 @@ class ShownRecording(Audience):
         Where it is shown.
     folder
         The session.
+    lines
+        Its frames so far.
     """
 
-    def __init__(self, desk: Desk, folder: Path) -> None:
+    def __init__(
+        self, desk: Desk, folder: Path, lines: Sequence[acquisition.session.FrameLine] = ()
+    ) -> None:
         self._desk, self._folder = desk, folder
         self._lock = threading.Lock()
-        self._frames: list[dict[str, Any]] = []
+        self._frames = [_described(line) for line in lines]
         self._lines: list[dict[str, Any]] = []
         self._state, self._verdict, self._started = "running", "", False
         forget_reports()
@@ -71,9 +75,8 @@ class ShownRecording(Audience):
 
     def on_frame(self, line: acquisition.session.FrameLine) -> None:
         """Show a frame."""
-        frame = {"file": Path(line.file).name, "role": line.role, "led": line.led}
         with self._lock:
-            self._frames.append(frame)
+            self._frames.append(_described(line))
         self._show()
 
     def journal(self, name: str, details: Mapping[str, Any]) -> None:
@@ -93,8 +96,10 @@ class ShownRecording(Audience):
         return self._desk.ask(f"{finding}. Continue anyway?")
 
     def card(self, stopping: Callable[[], bool]) -> bool:
-        """Ask for the white card."""
-        return self._desk.ask("Flat frames are next: put the white card under the camera.")
+        """Ask for the white card; any other answer stops."""
+        if not self._desk.ask("Flat frames are next: put the white card under the camera."):
+            self._desk.stop.ask("the page")
+        return True
 
     def end(self, result: Result | None) -> None:
         """Show how it ended; None if it can be resumed."""
@@ -147,7 +152,7 @@ def record(order: Order, labels: acquisition.Labels, out: Path, *, check: bool) 
         plan, left_out = desk.sheet.whole.without(rig.config.dead_leds)
         _follow(
             desk,
-            out,
+            ShownRecording(desk, out),
             lambda audience: record_on_rig(
                 rig,
                 plan,
@@ -172,7 +177,7 @@ def resume(order: Order, folder: Path) -> Task:
         begun = acquisition.Session.open(folder)
         _follow(
             desk,
-            folder,
+            ShownRecording(desk, folder, [frame.line for frame in begun.frames]),
             lambda audience: resume_on_rig(
                 rig,
                 begun,
@@ -186,11 +191,15 @@ def resume(order: Order, folder: Path) -> Task:
     return task
 
 
-def _follow(desk: Desk, folder: Path, run: Callable[[Audience], Result]) -> None:
+def _follow(desk: Desk, audience: ShownRecording, run: Callable[[Audience], Result]) -> None:
     desk.show(look=None)
-    audience = ShownRecording(desk, folder)
     result = None
     try:
         result = run(audience)
     finally:
         audience.end(result)
+        forget_reports()
+
+
+def _described(line: acquisition.session.FrameLine) -> dict[str, Any]:
+    return {"file": Path(line.file).name, "role": line.role, "led": line.led}

@@ -22,6 +22,8 @@ from sgp.sessions import Order
 
 # Width of a thumbnail in px.
 _THUMBNAIL = 96
+# Bytes of a folder's name; file systems allow at least 255.
+_LONGEST_NAME = 200
 
 
 class Screen:
@@ -83,6 +85,7 @@ class Screen:
                 )
                 self._station.request("recording", task)
                 self._recording = folder
+                self._thumbnails = {}
             case actions.Resume() if self._recording is not None:
                 self._station.request("recording", resume(self._order, self._recording))
             case actions.Look() if self._recording is not None:
@@ -103,7 +106,8 @@ class Screen:
             return self._look
         file = folder / FRAMES / name
         if file not in self._thumbnails and file.parent == folder / FRAMES:
-            with suppress(acquisition.DataError, acquisition.MissingPathError):
+            # ValueError: a path that no file can have.
+            with suppress(acquisition.DataError, acquisition.MissingPathError, ValueError):
                 pixels = acquisition.read_image(file)
                 self._thumbnails[file] = _thumbnail(pixels, self._station.white_dn)
         return self._thumbnails.get(file)
@@ -123,6 +127,8 @@ def _folder_name(name: str) -> str:
     name = name.strip()
     if not name:
         raise ValueError("the object needs a name, after which its folder is named")
+    if len(name.encode(errors="replace")) > _LONGEST_NAME:
+        raise ValueError(f"the name is too long for a folder: use at most {_LONGEST_NAME} letters")
     if name.startswith(".") or not name.isprintable() or set(name) & set('/\\:*?"<>|'):
         raise ValueError(
             f'{name!r} cannot name a folder: leave out / \\ : * ? " < > | and a first dot'
@@ -131,9 +137,8 @@ def _folder_name(name: str) -> str:
 
 
 def _thumbnail(pixels: AnyArray, white_dn: float) -> UInt8:
-    """Return a small picture of a frame; one that is dim is brightened up to eight times."""
+    """Return a small picture of a frame."""
     height, width = pixels.shape[:2]
     size = _THUMBNAIL, max(1, round(_THUMBNAIL * height / width))
     small = cv2.resize(pixels.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    white = max(white_dn / 8, float(np.quantile(small, 0.995)))
-    return np.asarray(np.rint(255 * np.clip(small / white, 0, 1) ** (1 / 2.2)), np.uint8)
+    return np.asarray(np.rint(255 * np.clip(small / white_dn, 0, 1) ** (1 / 2.2)), np.uint8)

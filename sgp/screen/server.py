@@ -6,10 +6,10 @@ import asyncio
 import json
 import secrets
 import socket
-import threading
 import time
 from collections.abc import AsyncIterator, Callable
 from importlib.resources import files
+from importlib.resources.abc import Traversable
 from pathlib import PurePosixPath
 from typing import Final, Self
 
@@ -26,9 +26,10 @@ from starlette.routing import Route
 from acquisition.preview import Marks, Region, picture_of
 from rig.arrays import UInt8
 from rig.messages import validation_message
-from sgp.cli.exit import UsageError
+from sgp.cli.exit import UsageError, error_text
 from sgp.screen.access import Access
 from sgp.screen.actions import ACTION, Action
+from sgp.screen.beside import Beside
 from sgp.screen.station import BusyError, Station
 
 _LOOK_S: Final = 0.03
@@ -52,6 +53,8 @@ class Control:
     def has(self, page: str) -> bool:
         """Return whether a page has control; without another one that has it, it gets it."""
         now_s = time.monotonic()
+        if not page:
+            return False
         if page != self._page and now_s - self._seen_s < _CONTROL_S:
             return False
         self._page, self._seen_s = page, now_s
@@ -83,6 +86,7 @@ class ScreenServer:
     ) -> None:
         self._station, self._perform, self._pictures = station, perform, pictures
         self._control = Control()
+        self._assets = _assets()
         self._socket = _bound(port)
         port = self._socket.getsockname()[1]
         token = secrets.token_urlsafe(24)
@@ -102,35 +106,35 @@ class ScreenServer:
                 ws="none",
                 lifespan="off",
                 log_config=None,
-                access_log=False,
+                log_level="critical",  # malformed requests are no lines in the terminal
                 server_header=False,
-                limit_concurrency=64,
                 timeout_graceful_shutdown=1,
             )
         )
-        self._thread = threading.Thread(target=self._serve, name="screen", daemon=True)
+        self._beside = Beside(station, lambda: self._server.run(sockets=[self._socket]))
 
     def __enter__(self) -> Self:
-        self._thread.start()
+        self._beside.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._station.close()
         self._server.should_exit = True
-        self._thread.join(5)
-        self._socket.close()
-
-    def _serve(self) -> None:
         try:
-            self._server.run(sockets=[self._socket])
+            self._beside.end()
         finally:
-            self._station.close()
+            self._socket.close()
 
     async def _page(self, request: Request) -> Response:
-        return _file("page.html")
+        return self._file("page.html")
 
     async def _asset(self, request: Request) -> Response:
-        return _file(request.path_params["name"])
+        return self._file(request.path_params["name"])
+
+    def _file(self, name: str) -> Response:
+        if name not in self._assets:
+            return _refused(404, "there is no such file")
+        kind = _TYPES[PurePosixPath(name).suffix]
+        return Response(self._assets[name].read_bytes(), media_type=kind)
 
     async def _events(self, request: Request) -> Response:
         page = request.query_params.get("page", "")
@@ -193,6 +197,8 @@ class ScreenServer:
             return _refused(409, str(error))
         except (UsageError, ValueError) as error:
             return _refused(422, str(error))
+        except Exception as error:  # noqa: BLE001
+            return _refused(500, error_text(error))
         return JSONResponse({})
 
 
@@ -214,6 +220,7 @@ def _bound(port: int) -> socket.socket:
     try:
         bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         bound.bind(("127.0.0.1", port))
+        bound.listen()  # a browser that is faster than the server waits
     except OSError as error:
         bound.close()
         raise UsageError(
@@ -223,20 +230,12 @@ def _bound(port: int) -> socket.socket:
     return bound
 
 
-def _file(name: str) -> Response:
-    """Return a file of the page; the style sheet and the widgets of the report are shared."""
-    folder = files("sgp.screen")
-    suffix = PurePosixPath(name).suffix
-    if name == "style.css" or name in _SHARED:
-        shared = files("sgp.report")
-        found = shared.joinpath("style.css" if suffix == ".css" else f"js/{name}")
-    elif suffix == ".js":
-        found = folder.joinpath("js", name)
-    else:
-        found = folder.joinpath(name)
-    if suffix not in _TYPES or "/" in name or "\\" in name or not found.is_file():
-        return _refused(404, "there is no such file")
-    return Response(found.read_bytes(), media_type=_TYPES[suffix])
+def _assets() -> dict[str, Traversable]:
+    """Return the files of the page by name; some are those of the report."""
+    screen, report = files("sgp.screen"), files("sgp.report")
+    own = [screen / "page.html", screen / "screen.css", *(screen / "js").iterdir()]
+    shared = [report / "style.css", *(report / "js" / name for name in _SHARED)]
+    return {file.name: file for file in (*own, *shared)}
 
 
 def _refused(status: int, text: str) -> JSONResponse:

@@ -15,7 +15,9 @@ from typing import Any, Final, Literal
 
 import rig as rigs
 from acquisition.engine import StopRequest
+from acquisition.engine.stop_request import StoppedError
 from acquisition.preview import Composite, LiveFrame, Region
+from sgp.cli.console import note
 from sgp.cli.exit import error_text
 from sgp.screen.desk import Desk, StoppedTaskError
 from sgp.screen.tasks import Task
@@ -26,6 +28,8 @@ Mode = Literal["one", "cycle", "all"]
 AWAY_S: Final = 10.0
 _REOPEN_S: Final = 1.0
 _IDLE_S: Final = 0.05
+# A stop turns the LEDs off again and again, in case a shot was about to begin, for so long.
+_STOPPING_S: Final = 2.0
 
 
 class BusyError(Exception):
@@ -57,6 +61,8 @@ class _Live:
     """The live picture: what is requested, and the latest frame."""
 
     light: Light
+    possible: Light | None = None  # the last one that the rig accepted
+    refusal: str = ""
     region: Region | None = None
     paused: bool = False
     number: int = 0
@@ -105,18 +111,19 @@ class Station:
         self._task: tuple[str, Task] | None = None
         self._stop = StopRequest()
         self._closing = False
+        self._shooting = False
         self._seen_s = time.monotonic()
         self._changes = 0
 
     # Called by the thread that owns the rig.
 
     def run(self) -> None:
-        """Operate the rig until `close` is called; all LEDs are off then.
+        """Operate the rig until `close` is called or Ctrl-C is pressed; all LEDs are off then.
 
         Raises
         ------
         KeyboardInterrupt
-            After Ctrl-C.
+            If Ctrl-C ended a task.
         """
         try:
             while not self._closing:
@@ -127,10 +134,13 @@ class Station:
                     with opened:
                         self._operate(opened)
                 except rigs.RigError as error:
-                    self._report(error_text(error))
+                    self._fail(error)
                 finally:
                     with self._lock:
                         self._rig = None
+        except KeyboardInterrupt:
+            if self._task is not None:
+                raise
         finally:
             self.close()
 
@@ -138,7 +148,7 @@ class Station:
         try:
             opened = self._open_rig()
         except rigs.RigError as error:
-            self._report(error_text(error))
+            self._fail(error)
             self._rest(_REOPEN_S)
             return None
         with self._lock:
@@ -151,37 +161,42 @@ class Station:
         while not self._closing:
             with self._lock:
                 task = self._task
+                self._shooting = task is None and self._attended and not self._live.paused
             if task is not None:
-                self._carry_out(task[1], rig)
-            elif self._attended and not self._live.paused:
+                self._carry_out(*task, rig)
+            elif self._shooting:
                 self._shoot(rig)
             else:
                 self._rest(_IDLE_S)
 
-    def _carry_out(self, task: Task, rig: rigs.Rig) -> None:
-        """Carry out a task; what fails is shown, and only a failure of the rig is raised."""
+    def _carry_out(self, name: str, task: Task, rig: rigs.Rig) -> None:
+        """Carry out a task; what fails is shown, and only a failure of the hardware is raised."""
         self.desk.begin(self._stop, lambda: self._attended, self._changed)
+        failure, broken = "", False
         try:
             task(rig, self.desk)
-            self.desk.end()
-        except rigs.RigError as error:
-            self.desk.end("stopped" if self._stop.asked else error_text(error))
-            if not self._stop.asked:
-                raise
-        except KeyboardInterrupt:
-            if not self._stop.asked or self._stop.asked_by == "Ctrl-C":
-                raise
-            self.desk.end("stopped")
         except StoppedTaskError as error:
-            self.desk.end(str(error))
+            failure = str(error)
+        except KeyboardInterrupt as error:
+            if not isinstance(error, StoppedError) or self._stop.asked_by == "Ctrl-C":
+                raise
+            failure = "stopped"
         except Exception as error:  # noqa: BLE001
-            self.desk.end(error_text(error))
-        finally:
-            with suppress(rigs.RigError):
-                rig.off()
-            with self._lock:
-                self._task = None
-                self._changed()
+            failure = error_text(error)
+            if self._stop.asked and isinstance(error, rigs.RigError):
+                failure = "stopped"  # it turned the LED of a shot off
+            else:
+                broken = isinstance(error, rigs.BoardError | rigs.CameraError)
+            if not self._stop.asked and not broken:
+                note(f"error: {name}: {failure}")
+        with suppress(rigs.RigError):
+            rig.off()
+        self.desk.end(failure)
+        with self._lock:
+            self._task = None
+            self._changed()
+        if broken:
+            raise rigs.RigError(failure)
 
     def _shoot(self, rig: rigs.Rig) -> None:
         with self._lock:
@@ -189,17 +204,48 @@ class Station:
             light, turn = live.light, live.turn
         led = light.leds[turn % len(light.leds)] if light.leds else None
         try:
+            if light != live.possible:
+                self._prepare(rig, light)
+            if live.light is not light:
+                return  # refused, or changed meanwhile
             shot = rig.shoot(led, light.exposure_us, light.gain_db)
-        except rigs.FrameLostError as error:
+        except rigs.RigError as error:
+            if self._closing or live.paused:
+                return  # a stop turned the LED off
+            if not isinstance(error, rigs.FrameLostError):
+                raise
             self._report(error_text(error))
             self._rest(_IDLE_S)
             return
-        frame = LiveFrame.of(live.number + 1, shot, rig, self._black_dn)
+        finally:
+            self._shooting = False
+        self._keep(LiveFrame.of(live.number + 1, shot, rig, self._black_dn), light)
+
+    def _prepare(self, rig: rigs.Rig, light: Light) -> None:
+        """Go back to the light before, if the rig refuses this one: it is not broken."""
+        live = self._live
+        try:
+            rig.prepare(light.exposure_us, light.gain_db)
+        except rigs.RigError as error:
+            with self._lock:
+                if live.light is light:
+                    live.refusal = error_text(error)
+                    live.light, live.paused = live.possible or light, live.possible is None
+                    self._changed()
+            if live.possible is None:
+                raise
+            live.possible = None
+        else:
+            live.possible = light
+
+    def _keep(self, frame: LiveFrame, light: Light) -> None:
+        """Show a frame, unless another light was requested meanwhile."""
+        live = self._live
         with self._lock:
             self._trouble = ""
             live.number += 1
             if live.light is not light:
-                return  # the frame shows what was requested before
+                return
             live.turn += 1
             if light.mode == "all" and light.leds:
                 live.composite.add(frame)
@@ -215,11 +261,20 @@ class Station:
             live.frame, live.figures, live.taken_s = frame, figures, now_s
             self._changed()
 
-    def _report(self, trouble: str) -> None:
+    def _fail(self, error: rigs.RigError) -> None:
+        """Report that the rig failed, also in the terminal."""
+        trouble = error_text(error)
+        if self._report(trouble):
+            note(f"error: {trouble}")
+
+    def _report(self, trouble: str) -> bool:
+        """Show a trouble; return whether it is another one than before."""
         with self._lock:
-            if self._trouble != trouble:
-                self._trouble = trouble
-                self._changed()
+            if self._trouble == trouble:
+                return False
+            self._trouble = trouble
+            self._changed()
+            return True
 
     def _rest(self, seconds: float) -> None:
         """Wait, but not after the end was requested."""
@@ -279,7 +334,7 @@ class Station:
                 raise ValueError(
                     f"the camera exposes for {low:g} to {high:g} us, not for {light.exposure_us:g}"
                 )
-            self._live.light = light
+            self._live.light, self._live.refusal = light, ""
             self._live.composite, self._live.turn = Composite(), 0
             self._live.paused = False
             self._changed()
@@ -312,12 +367,22 @@ class Station:
             self._changed()
 
     def stop(self, by: str) -> None:
-        """End a task at once, with all LEDs off."""
+        """End a task and the live picture at once, with all LEDs off."""
         with self._lock:
+            self._live.paused = True
+            stop = self._stop
             if self._task is not None:
-                self._stop.ask(by)
-            if self._rig is not None:
-                self._rig.board.darken()
+                stop.ask(by)
+            self._changed()
+        ends_s = time.monotonic() + _STOPPING_S
+        while True:
+            with self._lock:
+                if self._rig is not None:
+                    self._rig.board.darken()
+                running = self._shooting or (self._task is not None and self._stop is stop)
+            if not running or time.monotonic() > ends_s:
+                return
+            time.sleep(_IDLE_S)
 
     @property
     def frame(self) -> LiveFrame | None:
@@ -341,7 +406,7 @@ class Station:
             return {
                 "changes": self._changes,
                 "rig": None if self._rig is None else _described(self._rig),
-                "trouble": self._trouble,
+                "trouble": self._trouble or self._live.refusal,
                 "task": None if self._task is None else self._task[0],
                 "live": {
                     **asdict(live.light),

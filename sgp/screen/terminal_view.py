@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
 import select
 import sys
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -13,6 +13,7 @@ from typing import Any, Final
 
 from sgp.cli.console import terminal
 from sgp.cli.exit import UsageError
+from sgp.screen.beside import Beside
 from sgp.screen.station import BusyError, Station
 
 if sys.platform != "win32":
@@ -24,6 +25,8 @@ _BLOCKS: Final = " ▁▂▃▄▅▆▇█"
 _LOOK_S: Final = 0.1
 # Third stops.
 _STEP: Final = 2 ** (1 / 3)
+# An arrow, or one character.
+_KEY: Final = re.compile(r"\x1b\[[A-D]|.", re.DOTALL)
 _ARROWS: Final = {"\x1b[C": 1, "\x1b[D": -1, "n": 1, "p": -1}
 
 
@@ -49,37 +52,37 @@ class TerminalView:
         self._station, self._leds = station, leds
         self._best: tuple[object, float] = ("", 0.0)
         self._said = ""
-        self._thread = threading.Thread(target=self._show, name="terminal", daemon=True)
+        self._beside = Beside(station, self._show)
 
     @contextmanager
     def shown(self) -> Iterator[None]:
         """Show the station inside the block, with a terminal that passes on every key."""
         before = termios.tcgetattr(sys.stdin)
         tty.setcbreak(sys.stdin)
-        self._thread.start()
+        self._beside.start()
         try:
             yield
         finally:
-            self._station.close()
-            self._thread.join(5)
-            termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)
+            try:
+                self._beside.end()
+            finally:
+                termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)
 
     def _show(self) -> None:
         from rich.live import Live
         from rich.text import Text
 
-        try:
-            with Live(console=terminal(), auto_refresh=False, transient=True) as live:
-                while not self._station.closed:
-                    if select.select([sys.stdin], [], [], _LOOK_S)[0]:
-                        self._press(os.read(sys.stdin.fileno(), 16).decode(errors="replace"))
-                    live.update(Text("\n".join(self._lines(self._station.state()))), refresh=True)
-        finally:
-            self._station.close()
+        with Live(console=terminal(), auto_refresh=False, transient=True) as live:
+            while not self._station.closed:
+                if select.select([sys.stdin], [], [], _LOOK_S)[0]:
+                    typed = os.read(sys.stdin.fileno(), 64).decode(errors="replace")
+                    for key in _KEY.findall(typed) or ["q"]:  # "q" at the end of the input
+                        self._press(key)
+                live.update(Text("\n".join(self._lines(self._station.state()))), refresh=True)
 
     def _press(self, key: str) -> None:
         light = self._station.current_light
-        if key in ("q", ""):
+        if key == "q":
             self._station.close()
             return
         if key in _ARROWS:

@@ -151,12 +151,16 @@ class Browser:
 
     def open(self, path: Path, fragment: str = "") -> None:
         """Open a file and wait until it is loaded."""
+        self.visit(path.resolve().as_uri() + fragment)
+
+    def visit(self, address: str) -> None:
+        """Open a page and wait until it is loaded."""
         # Without this, another fragment of the open page would not load it again.
         self.call("Page.navigate", url="about:blank")
         self.requests.clear()
         self.messages.clear()
-        self.call("Page.navigate", url=path.resolve().as_uri() + fragment)
-        self.until("document.readyState === 'complete'")
+        self.call("Page.navigate", url=address)
+        self.until("document.readyState === 'complete' && location.href !== 'about:blank'")
 
     def value(self, expression: str) -> Any:
         """Return the value of a JavaScript expression, awaited if it is a promise."""

@@ -3,9 +3,10 @@
 import { drawing } from "./elements.js";
 
 const RADIUS = 100;
-const LAMP = 8;
+const LAMP = 11;
+const STEPS = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 };
 
-/** Draw the LEDs of a rig; `choose(led, more)` is called for a click or Enter. */
+/** Draw the LEDs of a rig; `choose(led, more)` is called for a click or Enter. Arrows go to the next LED. */
 export class Dome {
   constructor(svg, choose) {
     Object.assign(this, { svg, choose, lamps: [], drawn: "" });
@@ -26,10 +27,12 @@ export class Dome {
 
   draw(rig, key) {
     this.drawn = key;
+    const centres = places(rig);
+    const radius = Math.min(LAMP, 0.47 * closest(centres));
     const rings = [1, 0.866, 0.5].map((share) => drawing("circle", { class: "ring", r: RADIUS * share }));
-    this.lamps = places(rig).map(([x, y], led) => {
+    this.lamps = centres.map(([x, y], led) => {
       const dead = rig.dead_leds.includes(led);
-      const circle = drawing("circle", { class: "lamp", cx: x, cy: y, r: LAMP });
+      const circle = drawing("circle", { class: "lamp", cx: x, cy: y, r: radius });
       const act = (event) => {
         if (!dead) this.choose(led, event.shiftKey || event.ctrlKey);
       };
@@ -37,22 +40,33 @@ export class Dome {
         "g",
         {
           role: "button",
-          tabindex: dead ? null : "0",
+          tabindex: "-1",
           "aria-label": dead ? `LED ${led}, dead` : `LED ${led}`,
           "aria-disabled": dead ? "true" : null,
           onclick: act,
+          onfocus: () => this.enter(led),
           onkeydown: (event) => {
+            if (STEPS[event.key]) {
+              event.preventDefault();
+              this.lamps.at((led + STEPS[event.key]) % rig.leds).group.focus();
+            }
             if (event.key !== "Enter" && event.key !== " ") return;
             event.preventDefault();
             act(event);
           },
         },
         circle,
-        drawing("text", { x, y }, String(led)),
+        drawing("text", { x, y, "font-size": radius }, String(led)),
       );
       return { group, circle };
     });
     this.svg.replaceChildren(...rings, ...this.lamps.map(({ group }) => group));
+    this.enter(0);
+  }
+
+  /** Let Tab reach this LED, and no other one. */
+  enter(led) {
+    this.lamps.forEach(({ group }, other) => group.setAttribute("tabindex", other === led ? "0" : "-1"));
   }
 }
 
@@ -68,4 +82,10 @@ function places({ leds, positions_mm: positions }) {
     const angle = (2 * Math.PI * led) / leds;
     return [0.9 * RADIUS * Math.sin(angle), -0.9 * RADIUS * Math.cos(angle)];
   });
+}
+
+/** Return the smallest distance of two places. */
+function closest(places) {
+  const distances = places.flatMap(([x, y], i) => places.slice(0, i).map(([u, v]) => Math.hypot(x - u, y - v)));
+  return Math.min(2 * RADIUS, ...distances);
 }

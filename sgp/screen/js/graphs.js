@@ -17,7 +17,7 @@ export function drawHistogram(svg, text, { histogram, clipped_fraction: clipped 
       return drawing("rect", { class: full ? "full" : "area", x: i * wide, y: HEIGHT - high, width: wide, height: high });
     }),
   );
-  text.textContent = `Histogram of raw values, log; ${(100 * clipped).toFixed(clipped < 0.1 ? 3 : 1)} % clipped`;
+  text.textContent = `Raw values, log; ${(100 * clipped).toFixed(clipped < 0.1 ? 3 : 1)} % clipped`;
 }
 
 /** The focus measure over time; it begins again when light, exposure or region change. */
@@ -37,6 +37,6 @@ export class FocusHistory {
       drawing("line", { class: "best", x1: 0, x2: WIDTH, y1: y(this.best), y2: y(this.best) }),
       drawing("polyline", { class: "line", points: points.join(" ") }),
     );
-    this.text.textContent = `Focus in view: ${this.best ? ((100 * value) / this.best).toFixed(0) : 0} % of the best since the last change`;
+    this.text.textContent = `Focus in view: ${this.best ? ((100 * value) / this.best).toFixed(0) : 0} % of the best`;
   }
 }

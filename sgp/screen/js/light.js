@@ -5,8 +5,8 @@ import { ask } from "./link.js";
 
 const MODES = [
   ["one", "one LED"],
-  ["cycle", "the chosen LEDs in turn"],
-  ["all", "the mean of the chosen LEDs"],
+  ["cycle", "LEDs in turn"],
+  ["all", "mean of LEDs"],
 ];
 
 /** Fill the panel; returns a function that shows a state. */
@@ -18,6 +18,7 @@ export function lightPanel(panel, makeDome) {
     said.textContent = await ask({ do: "light", mode, leds, exposure_us, gain_db });
   };
   const dome = makeDome((led, more) => {
+    if (panel.disabled) return;
     const { leds, mode } = state.live;
     if (mode === "one" && !more) return send({ leds: [led] });
     const others = leds.filter((one) => one !== led);
@@ -39,7 +40,8 @@ export function lightPanel(panel, makeDome) {
   ];
   const off = element("button", { type: "button", onclick: () => send({ mode: "one", leds: [] }) }, "LEDs off");
   const pause = element("button", { type: "button", onclick: () => ask({ do: "pause", paused: !state.live.paused }) }, "Pause");
-  panel.append(dome.svg, modes.row, ...numbers.map(({ row }) => row), element("div", { class: "bar" }, off, pause), said);
+  const settings = element("div", {}, modes.row, ...numbers.map(({ row }) => row));
+  panel.append(element("div", { class: "lighting" }, dome.svg, settings), element("div", { class: "bar" }, off, pause), said);
   return (next) => {
     state = next;
     const idle = next.controls && next.rig && !next.task;

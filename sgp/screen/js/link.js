@@ -1,6 +1,9 @@
 // The link to the station: states arrive, actions are sent. The page is one of possibly several.
 
-const PAGE = (sessionStorage.page ??= crypto.randomUUID());
+// A reload keeps its name, and with it the control; a copy of the tab gets another one.
+const PAGE = sessionStorage.page ?? crypto.randomUUID();
+delete sessionStorage.page;
+addEventListener("pagehide", () => (sessionStorage.page = PAGE));
 
 /** Call `changed(state)` for each state, and `lost()` while the station does not answer. */
 export function listen(changed, lost) {

@@ -19,8 +19,8 @@ export function recordPanel(panel) {
   const stage = element("p", { class: "said", role: "status" });
   const entries = [name, notes, check];
   panel.append(
-    element("label", { class: "wide" }, "Object", name),
-    element("label", { class: "wide" }, "Notes", notes),
+    element("label", { class: "field" }, element("span", {}, "Object"), name),
+    element("label", { class: "field" }, element("span", {}, "Notes"), notes),
     element("label", { class: "check" }, check, "Check rig and picture first"),
     element("div", { class: "bar" }, record, resume, look),
     bar,

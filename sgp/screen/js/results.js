@@ -8,29 +8,34 @@ export function questionBox(box) {
   let shown = null;
   return ({ question, controls }) => {
     box.hidden = !question;
-    if (!question || question.id === shown) return;
-    shown = question.id;
-    const answer = (yes) => () => ask({ do: "answer", question: question.id, yes });
-    const yes = element("button", { type: "button", onclick: answer(true), disabled: !controls }, "Continue");
-    const no = element("button", { type: "button", onclick: answer(false), disabled: !controls }, "Stop");
-    box.replaceChildren(element("p", {}, question.text), element("div", { class: "bar" }, yes, no));
-    yes.focus();
+    if (!question) return;
+    if (question.id !== shown) {
+      shown = question.id;
+      const button = (text, yes) =>
+        element("button", { type: "button", onclick: () => ask({ do: "answer", question: question.id, yes }) }, text);
+      box.replaceChildren(
+        element("p", {}, question.text),
+        element("div", { class: "bar" }, button("Continue", true), button("Stop", false)),
+      );
+      box.focus(); // not a button: a key that was meant for something else must not answer
+    }
+    for (const button of box.querySelectorAll("button")) button.disabled = !controls;
   };
 }
 
 /** Fill the results; returns a function that shows a state. */
 export function results(box) {
   let shown = "";
-  return ({ checks, metered, recording, look }) => {
+  return ({ checks, metered, notices, recording, look }) => {
     const { frames, ...rest } = recording ?? {};
-    const key = JSON.stringify([checks, metered, rest, look]);
+    const key = JSON.stringify([checks, metered, notices, rest, look]);
     if (key === shown) return;
     shown = key;
     box.replaceChildren(
       ...(recording ? recorded(rest) : []),
       ...(look ? normals(look) : []),
       ...(checks ? [element("h2", {}, "Checks"), list(checks.flatMap(findings))] : []),
-      ...(metered ? [element("h2", {}, "Metering"), element("details", {}, element("summary", {}, metering(metered)), table(metered))] : []),
+      ...(metered ? [element("h2", {}, "Metering"), list(notices), details(metered)] : []),
     );
   };
 }
@@ -43,12 +48,17 @@ function recorded({ folder, state, verdict, lines }) {
   ];
 }
 
-function normals({ verdict, picture }) {
+function normals({ verdict, folder }) {
   return [
     element("h2", {}, "Normals at reduced size"),
     element("p", {}, verdict),
-    element("img", { class: "look", src: `picture?name=look&number=${picture}`, alt: "Normals: red is right, green is up, blue is toward the camera" }),
+    element("img", { class: "look", src: picture("look", folder), alt: "Normals: red is right, green is up, blue is toward the camera" }),
   ];
+}
+
+/** Return the address of a picture; browsers keep the picture of an address that they know. */
+function picture(name, folder) {
+  return `picture?${new URLSearchParams({ name, folder })}`;
 }
 
 const SEVERITIES = { ok: "note", warning: "warning", failed: "error", "not done": "note" };
@@ -60,6 +70,10 @@ function findings({ name, state, lines }) {
 function list(lines) {
   const items = lines.map(({ severity, text }) => element("li", { class: severity }, text));
   return element("ul", { class: "notices" }, ...items);
+}
+
+function details(lights) {
+  return element("details", {}, element("summary", {}, metering(lights)), table(lights));
 }
 
 function metering(lights) {
@@ -95,7 +109,7 @@ export function thumbnails(box) {
       box.replaceChildren();
     }
     for (const { file } of (recording?.frames ?? []).slice(count)) {
-      const image = element("img", { src: `picture?name=${encodeURIComponent(file)}`, alt: file, width: 96 });
+      const image = element("img", { src: picture(file, folder), alt: file, width: 96 });
       box.append(element("figure", {}, image, element("figcaption", {}, file)));
       count++;
     }

@@ -9,7 +9,7 @@ const ZOOM = 1.3;
 /** The canvas with the live picture; `seen(region)` is called when another region is in view. */
 export class View {
   constructor(canvas, caption, seen) {
-    Object.assign(this, { canvas, caption, seen, number: 0, image: null, region: null, mmPerPx: null });
+    Object.assign(this, { canvas, caption, seen, number: 0, after: 0, image: null, region: null, mmPerPx: null });
     this.marks = { clipped: true, peaking: false, cross: false, grid: false };
     this.place = new Place({ columns: 1, rows: 1 }, 1);
     new ResizeObserver(() => this.resized()).observe(canvas);
@@ -62,7 +62,16 @@ export class View {
     change();
     this.draw();
     clearTimeout(this.later);
-    this.later = setTimeout(() => this.seen(this.inView()), 300);
+    this.later = setTimeout(() => {
+      this.seen(this.inView());
+      this.renew();
+    }, 300);
+  }
+
+  /** Ask for the latest frame again, as it is now in view; there may be no newer one. */
+  renew() {
+    this.after = 0;
+    this.asking?.abort();
   }
 
   /** Return the region of the frame that is in view, in its pixels. */
@@ -81,8 +90,8 @@ export class View {
     for (;;) {
       try {
         await this.next();
-      } catch {
-        await new Promise((done) => setTimeout(done, 500));
+      } catch (error) {
+        if (error.name !== "AbortError") await new Promise((done) => setTimeout(done, 500));
       }
     }
   }
@@ -90,21 +99,22 @@ export class View {
   async next() {
     const region = this.inView();
     const { zoom } = this.place;
+    this.asking = new AbortController();
     const wanted = {
-      after: this.number,
+      after: this.after,
       ...region,
       columns: Math.ceil(region.width * Math.min(1, zoom)),
       rows: Math.ceil(region.height * Math.min(1, zoom)),
       clipped: Number(this.marks.clipped),
       peaking: Number(this.marks.peaking),
     };
-    const answer = await fetch(`frame?${new URLSearchParams(wanted)}`);
+    const answer = await fetch(`frame?${new URLSearchParams(wanted)}`, { signal: this.asking.signal });
     if (answer.status === 204) return;
     if (!answer.ok) throw new Error(answer.statusText);
     const { number, leds, region: shown } = JSON.parse(answer.headers.get("X-Frame"));
     const image = await createImageBitmap(await answer.blob());
     this.image?.close();
-    Object.assign(this, { number, image, region: shown, leds });
+    Object.assign(this, { number, after: number, image, region: shown, leds });
     this.draw();
   }
 
@@ -177,6 +187,7 @@ export class View {
             this.marks[name] = !this.marks[name];
             event.target.setAttribute("aria-pressed", String(this.marks[name]));
             this.draw();
+            this.renew();
           },
         },
         text,
