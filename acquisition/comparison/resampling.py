@@ -16,6 +16,12 @@ def lanczos(fraction: float) -> Float64:
     ----------
     fraction
         Position relative to the middle one of the samples, from -1 to 1.
+
+    Examples
+    --------
+    >>> from acquisition.comparison import lanczos
+    >>> lanczos(0.0).round(3) + 0.0
+    array([0., 0., 0., 0., 1., 0., 0., 0., 0.])
     """
     distance = np.arange(-4, 5) - fraction
     weights = np.sinc(distance) * np.sinc(distance / 4) * (np.abs(distance) < 4)

@@ -23,7 +23,7 @@ _BLOCKS: Final = 220
 _FEWEST: Final = 14
 # Parts of the images in full resolution, and their size in pixels.
 _TILES: Final = 40
-_TILE: Final = 40
+_TILE_PX: Final = (12, 40)
 # Blocks around the object that show its outline.
 _OUTLINE: Final = 12
 _BESIDE_SHADOWS: Final = 5
@@ -133,7 +133,7 @@ def find_image_shifts(
             f"{_FEWEST_PIXELS} pixels are needed to find shifts"
         )
     first = max(1, math.ceil(math.sqrt(area) / _BLOCKS))
-    blocks = [_reduced(image, first) for image in images]
+    blocks = [_reduced(np.asarray(image, np.float32), first) for image in images]
     inside = _reduced(mask.astype(np.float32), first) > 0.999
     # The outline moves with the object, and distinguishes the periods of a pattern.
     outline = np.asarray(
@@ -148,9 +148,12 @@ def find_image_shifts(
         counts = _reduced(outline, size) > 0.999
         return _complete(values, counts, vectors_at, first * size)
 
-    corners, still = _corners(np.stack(blocks), inside, first), np.zeros((count, 2))
+    side, still = int(np.clip(math.sqrt(area) / 4, *_TILE_PX)), np.zeros((count, 2))
+    corners = _corners(np.stack(blocks), inside, first, side)
+    if len(corners) == 0:
+        raise EstimateError("the object is too thin to find shifts of its images")
     if least_px > 0:
-        tiles = _tiles_of(images, mask, corners, still, vectors_at)
+        tiles = _tiles_of(images, mask, corners, side, still, vectors_at)
         seen = [np.abs(first_step(one)).max() for one in (level(coarsest), level(1), tiles)]
         if all(step < most for step, most in zip(seen, (_STILL, _STILL, least_px), strict=True)):
             return ImageShifts(still, np.full((count, 2), least_px), 1.0, math.sqrt(area))
@@ -164,7 +167,7 @@ def find_image_shifts(
         size //= 2
     shifts -= np.median(shifts, axis=0)
     whole = np.rint(shifts)
-    patches = _tiles_of(images, mask, corners, whole, vectors_at)
+    patches = _tiles_of(images, mask, corners, side, whole, vectors_at)
     fit = fit_shifts(patches, [shifts - whole], _STEPS[1])
     shifts = whole + fit.shifts
     by_model = _BIAS_PX * (1 - fit.explained) ** 2
@@ -214,11 +217,11 @@ def _complete(values: Float32, inside: Bool, vectors_at: VectorsAt, size: int) -
     return Patches(values[:, None], inside[None], vectors, size)
 
 
-def _corners(blocks: Float32, inside: Bool, size: int) -> Intp:
+def _corners(blocks: Float32, inside: Bool, size: int, side: int) -> Intp:
     """Return the first row and column ``(T, 2)`` of the tiles with most structure both ways."""
     known = np.nan_to_num(blocks)
     rows, columns = inside.shape
-    wide = max(1, _TILE // size)
+    wide = max(1, side // size)
     scores = []
     for top in range(0, rows - wide + 1, wide):
         for left in range(0, columns - wide + 1, wide):
@@ -236,16 +239,16 @@ def _corners(blocks: Float32, inside: Bool, size: int) -> Intp:
 
 
 def _tiles_of(
-    images: Images, mask: Bool, corners: Intp, whole: Float64, vectors_at: VectorsAt
+    images: Images, mask: Bool, corners: Intp, core: int, whole: Float64, vectors_at: VectorsAt
 ) -> Patches:
     """Return tiles of all images in full resolution, moved back by whole pixels."""
-    side = _TILE + 2 * MARGIN
+    side = core + 2 * MARGIN
     values = np.full((len(images), len(corners), side, side), np.nan, np.float32)
     inside = np.zeros((len(corners), side, side), bool)
-    core = slice(MARGIN, MARGIN + _TILE)
+    middle = slice(MARGIN, MARGIN + core)
     for t, (top, left) in enumerate(corners):
-        part = mask[top : top + _TILE, left : left + _TILE]
-        inside[t, core, core][: part.shape[0], : part.shape[1]] = part
+        part = mask[top : top + core, left : left + core]
+        inside[t, middle, middle][: part.shape[0], : part.shape[1]] = part
     for k, image in enumerate(images):
         right, down = whole[k].astype(int).tolist()
         for t, (top, left) in enumerate(corners):

@@ -16,6 +16,7 @@ from typing import Final
 import cv2
 import numpy as np
 
+from calibration import EstimateError
 from calibration.radiance import Shift
 from rig.arrays import Bool, Float32, Float64, Intp
 
@@ -32,6 +33,9 @@ _FIRST_PIXELS: Final = 4_000
 _PRIOR_PX: Final = 40.0
 _PRIOR_GAIN: Final = 0.3
 _SETTLED_PX: Final = 0.003
+# Lights by which a pixel must be lit to show a shift, and the fewest such pixels.
+_FEWEST_LIT: Final = 3
+_FEWEST_PIXELS: Final = 50
 _MOST_DAMPING: Final = 1e3
 _RIDGE: Final = 1e-6
 
@@ -191,6 +195,8 @@ def _linearized(
     count = len(moved)
     seen = fine.reshape(count, -1)[:, pixels].T.astype(np.float64)
     usable = _lit(moved, patches.beside_shadows).reshape(count, -1)[:, pixels].T
+    if np.count_nonzero(usable.sum(axis=1) > _FEWEST_LIT) < _FEWEST_PIXELS:
+        raise EstimateError("too few pixels of the object are lit by enough lights to align images")
     slopes = [one.reshape(count, -1)[:, pixels].T.astype(np.float64) for one in _slopes(fine)]
     solved, residuals, weights, scale = _surface(vectors, seen, usable, scale)
     across, along, itself = (

@@ -136,6 +136,8 @@ class NormalsMetrics(QualityMetrics):
     rescaled : 1
         `--exclude auto`: how many times as bright as stated the light of images is of which only
         the brightness is wrong; they were divided by it
+    shifts_px : px
+        `--align`: by how much the object is further right and down in images that were moved back
     strength_sigma : 1
         `--semi-calibrated`: median of the relative standard deviations of the strengths, with 1 %
         (7 % if the object is not matte) for the height if it was found with them
@@ -169,6 +171,7 @@ class NormalsMetrics(QualityMetrics):
     height_changes_mm: NotRequired[list[float]]
     excluded: NotRequired[list[str]]
     rescaled: NotRequired[dict[str, float]]
+    shifts_px: NotRequired[dict[str, list[float]]]
     strength_sigma: NotRequired[float]
     light_distance_mm: NotRequired[float]
     light_distance_sigma_mm: NotRequired[float]

@@ -202,6 +202,8 @@ def normals_metrics(stage: processing.Reconstruction) -> NormalsMetrics:
         metrics["excluded"] = list(stage.excluded)
     if stage.rescaled:
         metrics["rescaled"] = dict(stage.rescaled)
+    if stage.source.shifts_px:
+        metrics["shifts_px"] = {name: [*by] for name, by in stage.source.shifts_px.items()}
     if stage.strengths is not None:
         metrics["strength_sigma"] = float(np.median(stage.strengths.sigmas))
     if stage.light_distance is not None:
