@@ -16,7 +16,7 @@ _GROUPS = {
         "--interreflection --rig"
     ),
     "Images": (
-        "--mask --camera --pixel-mm --exclude --crop --downscale --gamma --flat --sensor "
+        "--mask --camera --pixel-mm --exclude --align --crop --downscale --gamma --flat --sensor "
         "--max-pixels"
     ),
     "Method": "--method --channel --height-mm --rests-on-plane --filter --order --w",
