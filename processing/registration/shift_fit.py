@@ -47,9 +47,9 @@ class Patches:
     Parameters
     ----------
     values
-        ``(N, T, h, w)`` linear radiance with ``MARGIN`` pixels on each side, NaN where missing.
+        ``(N, T, h, w)`` linear radiance, NaN where missing.
     inside
-        ``(T, h, w)`` bool: pixels that count, none of them in the margin.
+        ``(T, h, w)`` bool: pixels that count; others serve filter and interpolation.
     vectors
         Return light vectors ``(P, N, 3)`` of pixels by their flat indices into ``inside``.
     size
@@ -76,6 +76,8 @@ class ShiftFit:
         ``(N, 2)`` right and down, pixels of the patches; their mean is 0.
     covariance
         ``(2 N, 2 N)`` from the scatter between parts of the object.
+    explained
+        Share of the fine structure that the model explains.
     """
 
     shifts: Float64
@@ -219,7 +221,9 @@ def _linearized(
     of_tiles = np.zeros((int(tiles.max()) + 1, size))
     np.add.at(of_tiles, tiles, scores)
     ratio = residuals / (_TUNING * scale)
-    cost = float((_TUNING**2 / 2 * np.log1p(ratio**2))[usable].sum())
+    # A missing sample counts as a usual residual: shifts out of the image gain nothing.
+    ratio = np.where(usable, ratio, 1 / _TUNING)
+    cost = float((_TUNING**2 / 2 * np.log1p(ratio**2)).sum())
     prior = _priors(count, patches.size)
     offsets = np.concatenate([shifts, np.zeros((count, 1))], axis=1).reshape(-1)
     cost += float((prior * offsets**2).sum()) / 2
