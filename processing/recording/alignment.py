@@ -20,6 +20,10 @@ AlignChoice = Literal["auto", "off", "always"]
 # Shifts that are corrected by default, and those that are left as they are.
 _SHIFTED_PX: Final = 0.15
 _LEFT_PX: Final = 0.05
+# Shifts of which the lights explain so much are probably errors of lights, curve or room light,
+# unless they halve what the model does not explain.
+_FOLLOW: Final = 0.75
+_CLEAR: Final = 0.5
 # Below this, a first look is enough.
 _STILL_PX: Final = 0.1
 
@@ -80,6 +84,9 @@ def find_alignment(
             raise
         return nothing
     if not found.significant(_LEFT_PX if forced else _SHIFTED_PX).any():
+        return nothing
+    doubtful = found.left > _CLEAR and found.follow(lights.unit_directions) > _FOLLOW
+    if doubtful and not forced:
         return nothing
     moved = np.hypot(*found.shifts_px.T) > _LEFT_PX
     shifts = {

@@ -34,6 +34,7 @@ _STILL: Final = 0.2
 # bare hemisphere 0.2 px and 0.43, on objects with structure up to 0.03 px and from 0.7 on.
 _BIAS_PX: Final = 0.4
 _LEAST_EXPLAINED: Final = 0.45
+_LEAST_CONTRAST: Final = 0.02
 # Largest credible shift, as a share of the size of the object: false matches are larger.
 _MOST_SHIFT: Final = 1 / 4
 # Fewer images or pixels determine no shifts.
@@ -58,6 +59,10 @@ class ImageShifts:
     explained
         Share of the fine structure that the model explains. Below about 0.45, the images show too
         little structure besides shadows and highlights, and the shifts are not determined.
+    contrast
+        Fine structure of the object relative to the light. Smooth objects have below 0.02.
+    left
+        What the model does not explain, relative to the same without shifts.
     size_px
         Size of the object.
     """
@@ -65,6 +70,8 @@ class ImageShifts:
     shifts_px: Float64
     sigma_px: Float64
     explained: float
+    contrast: float
+    left: float
     size_px: float
 
     __repr__ = short_repr
@@ -77,7 +84,25 @@ class ImageShifts:
     @property
     def determined(self) -> bool:
         """Whether the images show enough structure, and the shifts are not suspiciously large."""
-        return self.explained > _LEAST_EXPLAINED and self.largest_px < _MOST_SHIFT * self.size_px
+        structured = self.explained > _LEAST_EXPLAINED and self.contrast > _LEAST_CONTRAST
+        return structured and self.largest_px < _MOST_SHIFT * self.size_px
+
+    def follow(self, directions: Float64) -> float:
+        """Return the share of the shifts ``(N, 2)`` that light directions ``(N, 3)`` explain.
+
+        Errors of the model, such as those of room light or a transfer curve, imitate shifts that
+        are linear in the direction of the light. A camera knows nothing of the light.
+        """
+        count = len(directions)
+        basis = np.column_stack([np.ones(count), directions])
+        basis, _ = np.linalg.qr(basis)
+        free = count - basis.shape[1]
+        if free < 1:
+            return 1.0
+        centred = self.shifts_px - self.shifts_px.mean(axis=0)
+        left = centred - basis @ (basis.T @ centred)
+        total = float((centred**2).sum()) / (count - 1)
+        return 1.0 if total == 0 else 1 - float((left**2).sum()) / free / total
 
     def significant(self, least_px: float) -> Bool:
         """Return which images are shifted by more than a distance, and surely."""
@@ -156,7 +181,7 @@ def find_image_shifts(
         tiles = _tiles_of(images, mask, corners, side, still, vectors_at)
         seen = [np.abs(first_step(one)).max() for one in (level(coarsest), level(1), tiles)]
         if all(step < most for step, most in zip(seen, (_STILL, _STILL, least_px), strict=True)):
-            return ImageShifts(still, np.full((count, 2), least_px), 1.0, math.sqrt(area))
+            return ImageShifts(still, np.full((count, 2), least_px), 1.0, 1.0, 1.0, math.sqrt(area))
     by_energy = _by_energy(blocks) * first
     shifts, size = by_energy, coarsest
     while size >= 1:
@@ -172,7 +197,16 @@ def find_image_shifts(
     shifts = whole + fit.shifts
     by_model = _BIAS_PX * (1 - fit.explained) ** 2
     sigma = np.sqrt(np.maximum(np.diag(fit.covariance), 0) + by_model**2).reshape(count, 2)
-    return ImageShifts(shifts - np.median(shifts, axis=0), sigma, fit.explained, math.sqrt(area))
+    unmoved = _tiles_of(images, mask, corners, side, still, vectors_at)
+    before = fit_shifts(unmoved, [still], 0).explained
+    return ImageShifts(
+        shifts - np.median(shifts, axis=0),
+        sigma,
+        fit.explained,
+        fit.contrast,
+        (1 - fit.explained) / max(1 - before, 1e-9),
+        math.sqrt(area),
+    )
 
 
 def _by_energy(blocks: list[Float32]) -> Float64:
@@ -267,8 +301,8 @@ def _window(image: Float32, top: int, left: int, side: int) -> Float32:
     """Return a square part of an image, NaN outside it."""
     part = np.full((side, side), np.nan, np.float32)
     height, width = image.shape
-    rows = slice(max(0, top), max(0, min(height, top + side)))
-    columns = slice(max(0, left), max(0, min(width, left + side)))
+    rows = slice(min(max(0, top), height), min(max(0, top + side), height))
+    columns = slice(min(max(0, left), width), min(max(0, left + side), width))
     part[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left] = image[
         rows, columns
     ]

@@ -78,11 +78,14 @@ class ShiftFit:
         ``(2 N, 2 N)`` from the scatter between parts of the object.
     explained
         Share of the fine structure that the model explains.
+    contrast
+        Fine structure relative to the light.
     """
 
     shifts: Float64
     covariance: Float64
     explained: float
+    contrast: float
 
 
 def fit_shifts(patches: Patches, starts: Sequence[Float64], steps: int) -> ShiftFit:
@@ -118,7 +121,7 @@ def fit_shifts(patches: Patches, starts: Sequence[Float64], steps: int) -> Shift
                     break
         fits.append((state.cost, shifts, state))
     _, shifts, state = min(fits, key=lambda fit: fit[0])
-    return ShiftFit(shifts, _covariance(state), state.explained)
+    return ShiftFit(shifts, _covariance(state), state.explained, state.contrast)
 
 
 def first_step(patches: Patches) -> Float64:
@@ -138,6 +141,7 @@ class _State:
     scale: Float64
     cost: float
     explained: float
+    contrast: float
 
 
 def _filtered(patches: Patches, shifts: Float64) -> tuple[Float32, Float32]:
@@ -230,7 +234,9 @@ def _linearized(
     gradient = scores.sum(axis=0) - prior * offsets
     left = np.median(np.abs(residuals[usable])) / max(float(np.median(np.abs(seen[usable]))), 1e-12)
     explained = 1 - float(left)
-    return _State(hessian + np.diag(prior), gradient, of_tiles, scale, cost, explained)
+    light = moved.reshape(count, -1)[:, pixels].T[usable]
+    contrast = float(np.median(np.abs(seen[usable])) / max(float(np.median(light)), 1e-12))
+    return _State(hessian + np.diag(prior), gradient, of_tiles, scale, cost, explained, contrast)
 
 
 def _surface(

@@ -66,7 +66,7 @@ def verdict_of(recording: Recording, folder: str) -> Verdict:
         write_png(f"{folder}/{name}.png", np.rint(level).astype(np.uint16))
     write_png(f"{folder}/mask.png", np.full((HEIGHT, WIDTH), 255, np.uint8))
     source = read_source(folder, lights=recording.lights)
-    return reconstruct(source, pixel_mm=recording.pixel_mm, surface=False).verdict
+    return reconstruct(source, pixel_mm=recording.pixel_mm, align="off", surface=False).verdict
 
 
 def moved(image: Float64, right: float) -> Float64:
@@ -176,7 +176,7 @@ def test_a_thin_object_and_images_without_noise_have_a_verdict(tmp_path: Path) -
     mask[50:52] = 255  # every block is at the border of the object
     write_png(tmp_path / "mask.png", mask)
     source = read_source(tmp_path, lights=recording.lights)
-    thin = reconstruct(source, pixel_mm=recording.pixel_mm, surface=False).verdict
+    thin = reconstruct(source, pixel_mm=recording.pixel_mm, align="off", surface=False).verdict
     assert "ambient-light" in thin.not_excluded
 
 
