@@ -94,8 +94,10 @@ class ImageShifts:
         are linear in the direction of the light. A camera knows nothing of the light.
         """
         count = len(directions)
-        basis = np.column_stack([np.ones(count), directions])
-        basis, _ = np.linalg.qr(basis)
+        basis, strength, _ = np.linalg.svd(
+            np.column_stack([np.ones(count), directions]), full_matrices=False
+        )
+        basis = basis[:, strength > 1e-6 * strength[0]]
         free = count - basis.shape[1]
         if free < 1:
             return 1.0
