@@ -20,8 +20,9 @@ AlignChoice = Literal["auto", "off", "always"]
 # Shifts that are corrected by default, and those that are left as they are.
 _SHIFTED_PX: Final = 0.15
 _LEFT_PX: Final = 0.05
-# Shifts of which the lights explain so much are probably errors of lights, curve or room light,
-# unless they halve what the model does not explain.
+# What the model does not explain must become less by this factor. If the lights explain so much of
+# the shifts, they are probably errors of lights, curve or room light, and must explain more.
+_BETTER: Final = 0.75
 _FOLLOW: Final = 0.75
 _CLEAR: Final = 0.5
 # Below this, a first look is enough.
@@ -85,8 +86,8 @@ def find_alignment(
         return nothing
     if not found.significant(_LEFT_PX if forced else _SHIFTED_PX).any():
         return nothing
-    doubtful = found.left > _CLEAR and found.follow(lights.unit_directions) > _FOLLOW
-    if doubtful and not forced:
+    follows = found.follow(lights.unit_directions) > _FOLLOW
+    if not forced and found.left > (_CLEAR if follows else _BETTER):
         return nothing
     moved = np.hypot(*found.shifts_px.T) > _LEFT_PX
     shifts = {

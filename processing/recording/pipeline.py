@@ -156,8 +156,8 @@ class NormalsStage:
         Subtract the light that a matte object reflects onto itself, if attached shadows show it,
         see `processing.series.interreflection`; the notice ``light-reflected`` says so.
     align
-        ``auto``: if camera or object moved by more than 0.15 px while the images were taken, find
-        the shifts (see `find_image_shifts`) and move the images back; the notice
+        ``auto``: if camera or object surely moved while the images were taken, by more than
+        0.15 px, move the images back by the shifts that `find_image_shifts` finds; the notice
         ``images-aligned`` says so. ``always``: also by less. ``off``: never. Sites of a mosaic
         cannot be moved.
 
@@ -508,8 +508,8 @@ def reconstruct(
         Subtract the light that a matte object reflects onto itself, if attached shadows show it,
         see `processing.series.interreflection`; the notice ``light-reflected`` says so.
     align
-        ``auto``: if camera or object moved by more than 0.15 px while the images were taken, find
-        the shifts (see `find_image_shifts`) and move the images back; the notice
+        ``auto``: if camera or object surely moved while the images were taken, by more than
+        0.15 px, move the images back by the shifts that `find_image_shifts` finds; the notice
         ``images-aligned`` says so. ``always``: also by less. ``off``: never. Sites of a mosaic
         cannot be moved.
     surface

@@ -324,8 +324,8 @@ class SourceOptions(RemedyOptions):
         Subtract the light that a concave matte object reflects onto itself, if attached shadows
         show it. It takes some seconds and up to 300 MB more.
     align
-        auto (if camera or object moved by more than 0.15 px while the images were taken, move the
-        images back), always (also by less), or off.
+        auto (if camera or object surely moved while the images were taken, move the images back),
+        always (also by hundredths of a pixel), or off.
     """
 
     method: MethodChoice = "best"
