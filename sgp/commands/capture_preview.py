@@ -15,7 +15,7 @@ import acquisition
 import rig as rigs
 from sgp.cli.console import note
 from sgp.cli.exit import UsageError
-from sgp.cli.options import OptionalInput, Positive, RigOption
+from sgp.cli.options import OptionalInput, Positive, RigOption, Whole
 from sgp.commands.capture_plan import chosen_plan
 from sgp.results import Result
 from sgp.rigs import chosen_rig
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 _EXTRA = ("uvicorn", "starlette")
 
 _STORED = StoredOptions()
-Port = Annotated[int, Parameter(validator=Number(gte=0, lte=65535))]
+Port = Annotated[Whole, Parameter(validator=Number(gte=0, lte=65535))]
 
 
 def preview(
