@@ -22,9 +22,9 @@ _SHIFTED_PX: Final = 0.15
 _LEFT_PX: Final = 0.05
 # What the model does not explain must become less by this factor. If the lights explain so much of
 # the shifts, they are probably errors of lights, curve or room light, and must explain more.
-_BETTER: Final = 0.75
+_BETTER: Final = 0.5
 _FOLLOW: Final = 0.75
-_CLEAR: Final = 0.5
+_CLEAR: Final = 0.25
 # Below this, a first look is enough.
 _STILL_PX: Final = 0.1
 
