@@ -19,7 +19,7 @@ _Results = tuple[Sequence[Mapping[str, Any]], Sequence[Mapping[str, Any]]]
 
 
 class RepeatWatch:
-    """Compares repeats that are on disk, in a thread of its own: this takes about a second.
+    """Compares repeats that are on disk, in a separate thread: this takes about a second.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A camera in a process of its own, for GenTL producers that hang or crash.
+"""A camera in a separate process, for GenTL producers that hang or crash.
 
 Some producers never return once their camera was unplugged, or end the program. In a process of its
 own, such a producer is ended with the process, and the camera can be opened again.
@@ -67,7 +67,7 @@ class IsolatedCamera:
     info: CameraInfo
 
     def __init__(self, options: dict[str, Any]) -> None:
-        # In a session of its own, Ctrl-C in the terminal does not reach it.
+        # In a separate session, Ctrl-C in the terminal does not reach it.
         self._process = subprocess.Popen(
             module_command("rig.genicam.isolated_process"),
             stdin=subprocess.PIPE,
@@ -190,7 +190,7 @@ class IsolatedCamera:
                 self._process.stdin.flush()
 
     def _read(self) -> None:
-        """Read the replies, on a thread of its own, until the process has ended."""
+        """Read the replies, on a separate thread, until the process has ended."""
         out = cast(BufferedReader, self._process.stdout)
         while line := out.readline():
             reply = json.loads(line)
@@ -225,7 +225,7 @@ class IsolatedCamera:
 
 
 def open_isolated(cti: str | Path, **options: Any) -> IsolatedCamera:
-    """Open the camera that a GenTL producer offers, in a process of its own.
+    """Open the camera that a GenTL producer offers, in a separate process.
 
     Parameters
     ----------

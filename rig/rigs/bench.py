@@ -46,7 +46,7 @@ class BenchOptions(BaseModel):
         Memory for pending frames, MiB: a sequence gets one buffer per frame if they fit. By default
         1024, or a quarter of the computer's memory if that is less.
     isolate
-        Whether the GenTL producer runs in a process of its own, which is ended and started again if
+        Whether the GenTL producer runs in a separate process, which is ended and started again if
         the producer hangs or crashes.
     """
 

@@ -1,4 +1,4 @@
-"""Who may use the screen: requests of its own page, with the token, from this computer."""
+"""Who may use the screen: requests of the page it serves, with the token, from this computer."""
 
 from __future__ import annotations
 

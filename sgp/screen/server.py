@@ -1,4 +1,4 @@
-"""The server of the page, in a thread of its own: pictures, states and actions, on loopback."""
+"""The server of the page, in a separate thread: pictures, states and actions, on loopback."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ PLAN = CapturePlan(repeat=False, leds=tuple(range(LEDS)), exposures_us=(4000.0,)
 Record = Callable[..., Session]
 
 
-def told(session: Session) -> list[str]:
+def reported(session: Session) -> list[str]:
     """Return the events of the journal, with the device that each concerns."""
     events = [one for one in session.events if one.event != CAMERA_SETTINGS]
     return [f"{one.event} {one.details.get('device', '')}".strip() for one in events]
@@ -69,7 +69,7 @@ def test_the_loss_is_told_and_is_no_retake(
     hooks = after(3, lambda: unplug(12.0), on_event=lambda name, details: seen.append(name))
     session = record(rig, PLAN, tmp_path / "s", LABELS, hooks=hooks)
     assert session.complete
-    assert told(session) == [f"device_lost {device}", f"device_returned {device}"]
+    assert reported(session) == [f"device_lost {device}", f"device_returned {device}"]
     assert seen == ["device_lost", "device_returned"]
     lost, returned = (dict(line.details) for line in session.events)
     assert device in lost["reason"]
@@ -89,7 +89,7 @@ def test_a_device_that_stays_away_ends_a_recording_that_can_be_resumed(
     assert 30 < clock.monotonic() - began_s < 33
     assert any(one.startswith("on opening it again") for one in error.value.__notes__)
     session = Session.open(tmp_path / "s")
-    assert told(session) == [f"device_lost {device}", "failed"]
+    assert reported(session) == [f"device_lost {device}", "failed"]
     clock.sleep(70)
     rig.recover(error.value)
     assert resume(rig, tmp_path / "s").complete
@@ -101,7 +101,7 @@ def test_a_rig_file_may_turn_it_off(opened: tuple[World, Rig], tmp_path: Path) -
     hooks = after(3, lambda: world.unplug_camera(1.0))
     with pytest.raises(CameraGoneError):
         record(rig, PLAN, tmp_path / "s", LABELS, hooks=hooks)
-    assert told(Session.open(tmp_path / "s")) == ["failed"]
+    assert reported(Session.open(tmp_path / "s")) == ["failed"]
 
 
 def test_a_stop_ends_the_wait(opened: tuple[World, Rig], tmp_path: Path) -> None:
@@ -122,7 +122,7 @@ def test_a_stop_ends_the_wait(opened: tuple[World, Rig], tmp_path: Path) -> None
         record(rig, PLAN, tmp_path / "s", LABELS, hooks=hooks, stop=stop)
     assert clock.monotonic() - times[0] < 0.3
     session = Session.open(tmp_path / "s")
-    assert told(session) == ["device_lost board", "interrupted"]
+    assert reported(session) == ["device_lost board", "interrupted"]
     assert len(session.frames) >= 3
     with pytest.raises(BoardGoneError):
         rig.off()
@@ -163,7 +163,7 @@ def test_losses_with_frames_in_between_do_not_add_up(
     hooks = RecordingHooks(on_frame=on_frame)
     session = record(rig, plan, tmp_path / "s", LABELS, hooks=hooks)
     assert session.complete
-    assert told(session).count("device_returned camera") == _LOSSES_IN_A_ROW + 1
+    assert reported(session).count("device_returned camera") == _LOSSES_IN_A_ROW + 1
 
 
 @pytest.mark.parametrize(
@@ -252,7 +252,7 @@ def test_board_and_camera_are_unplugged_and_come_back(
         hooks = RecordingHooks(on_event=bench.replug)
         session = record(bench.rig, plan, tmp_path / "s", LABELS, hooks=hooks)
         _check(session, plan)
-        events = told(session)
+        events = reported(session)
         assert events.count("device_lost board") == events.count("device_returned board") == 1
         assert events.count("device_lost camera") == events.count("device_returned camera") == 1
 
@@ -273,4 +273,4 @@ def test_a_producer_that_fails_is_started_again(
 
         session = record(bench.rig, plan, tmp_path / "s", LABELS, hooks=after(3, fail))
         _check(session, plan)
-        assert told(session) == ["device_lost camera", "device_returned camera"]
+        assert reported(session) == ["device_lost camera", "device_returned camera"]

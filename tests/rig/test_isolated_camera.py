@@ -1,4 +1,4 @@
-"""A camera in a process of its own, whose GenTL producer hangs or crashes."""
+"""A camera in a separate process, whose GenTL producer hangs or crashes."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ def drawn(seed: int) -> Schedule:
 
 @pytest.mark.parametrize("first", range(0, 50, 10))
 def test_a_recording_goes_on_when_board_and_camera_are_back(first: int, tmp_path: Path) -> None:
-    told: Counter[str] = Counter()
+    reported: Counter[str] = Counter()
     for seed in range(first, first + 10):
         (tmp_path / str(seed)).mkdir()
         trial = Trial(drawn(seed), tmp_path / str(seed))
@@ -38,7 +38,7 @@ def test_a_recording_goes_on_when_board_and_camera_are_back(first: int, tmp_path
         # No operator had to resume it.
         assert (outcome.programs, len(outcome.met)) == (1, EACH)
         events = [line for line in SessionState.read(trial.session).lines if "event" in line]
-        told.update(f"{line['event']} {line['details'].get('device')}" for line in events)
+        reported.update(f"{line['event']} {line['details'].get('device')}" for line in events)
         assert not any(line["event"] == "retake" for line in events)
     for device in ("board", "camera"):
-        assert told[f"device_lost {device}"] == told[f"device_returned {device}"] > 4
+        assert reported[f"device_lost {device}"] == reported[f"device_returned {device}"] > 4
