@@ -995,6 +995,99 @@ class CompareMetrics(TypedDict):
     ssim_paper: float
 
 
+class FieldMetrics(TypedDict):
+    """Figures of a field of view that was joined with others.
+
+    Parameters
+    ----------
+    field
+        its folder
+    column_px : px
+        column of its middle in the whole
+    row_px : px
+        row of its middle in the whole
+    turn_deg : deg
+        angle from right to down by which it is turned in the whole
+    tilt_deg : deg
+        angle by which its normals were tilted; 0 if the overlaps show no tilt
+    albedo_gain : 1
+        factor by which its albedo was multiplied; the geometric mean of all is 1
+    """
+
+    field: str
+    column_px: float
+    row_px: float
+    turn_deg: float
+    tilt_deg: float
+    albedo_gain: float
+
+
+class FieldPairMetrics(TypedDict):
+    """Figures of two fields that show a common area.
+
+    Parameters
+    ----------
+    first
+        folder of a field
+    second
+        folder of the other one
+    used
+        false if the pair contradicts the others
+    common_px : px
+        size of the common area
+    correlation : 0..1
+        of the fine structure in the common area
+    residual_px : px
+        rms distance of their pixels after the placements of all fields were adjusted
+    deviations : 1
+        the same in standard deviations of the registration
+    disagreement : 1
+        rms difference of the normals in their standard deviations; null if those are not known
+    """
+
+    first: str
+    second: str
+    used: bool
+    common_px: int
+    correlation: float
+    residual_px: NotRequired[float]
+    deviations: NotRequired[float]
+    disagreement: NotRequired[float | None]
+
+
+class MergeMetrics(TypedDict):
+    """Figures of fields that were joined.
+
+    Parameters
+    ----------
+    pixels : px
+        pixels with a normal
+    overlap : 0..1
+        share of them that several fields show
+    residual_px : px
+        rms distance of the pixels of overlapping fields after the adjustment
+    fields
+        where each field is
+    pairs
+        the pairs of fields
+    normal_sigma_deg : deg
+        median of the standard deviations of the normals; null if they are not known
+    normal_sigma_common_deg : deg
+        the part of them that all pixels have in common, the largest of the fields
+    pixel_mm : mm
+        size of a pixel, if the records of the fields state it
+    """
+
+    pixels: int
+    overlap: float
+    residual_px: float
+    fields: list[FieldMetrics]
+    pairs: list[FieldPairMetrics]
+    normal_sigma_deg: float | None
+    normal_sigma_common_deg: float
+    pixel_mm: NotRequired[float]
+
+
 class ExportMetrics(TypedDict):
     """Figures of an export of a session.
 
@@ -1134,6 +1227,7 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp detail train": (TrainMetrics,),
     "sgp project": (ProjectMetrics,),
     "sgp compare": (CompareMetrics,),
+    "sgp merge": (MergeMetrics,),
     "sgp export": (RtiMetrics,),
     "sgp relight": (RelightMetrics,),
     "sgp capture export": (ExportMetrics,),

@@ -1,3 +1,5 @@
+from .fields import FieldResult as FieldResult
+from .fields import open_fields as open_fields
 from .given_camera import camera_notices as camera_notices
 from .given_normals import with_remedy as with_remedy
 from .guidance import GuidanceOptions as GuidanceOptions
