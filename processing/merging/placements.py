@@ -22,7 +22,7 @@ from rig import Progress, no_progress, short_repr
 from rig.arrays import Float64
 
 # Features for the first look are searched in images of at most this many pixels along a side.
-_LOOK_PX: Final = 450
+_LOOK_PX: Final = 350
 # Scales of the same camera differ by less than this share.
 _MOST_SCALE: Final = 0.02
 # Pixels by which the first look may be wrong, in those of its images.
@@ -109,11 +109,11 @@ def place_fields(fields: Sequence[FieldRows], on_progress: Progress = no_progres
     if len(fields) < 2:
         given = f"{len(fields)} field{'' if len(fields) == 1 else 's'}"
         raise DataError(f"{given}: give at least two fields that overlap")
-    starts = _first_look(fields, on_progress)
+    looks = _looks(fields, on_progress)
+    todo = _first_look(fields, looks)
     registered, differences = list[FieldPair](), list[Differences]()
     tried = set[tuple[int, int]]()
-    todo = starts
-    while todo:
+    while True:
         for number, (ends, start) in enumerate(sorted(todo.items())):
             on_progress("registering fields", number, len(todo))
             found = _registered(fields, ends, start)
@@ -122,13 +122,12 @@ def place_fields(fields: Sequence[FieldRows], on_progress: Progress = no_progres
                 differences.append(found[1])
         on_progress("registering fields", len(todo), len(todo))
         tried |= set(todo)
-        _check_connected(fields, registered)
+        _check_connected(fields, registered, looks)
         adjusted = adjust(len(fields), registered)
-        todo = {
-            ends: start
-            for ends, start in _overlaps(fields, adjusted.placements).items()
-            if ends not in tried
-        }
+        overlaps = _overlaps(fields, adjusted.placements)
+        todo = {ends: start for ends, start in overlaps.items() if ends not in tried}
+        if not todo:
+            break
     used = sorted(adjusted.deviations)
     pairs = [registered[k] for k in used]
     known = [differences[k] for k in used]
@@ -148,18 +147,27 @@ def place_fields(fields: Sequence[FieldRows], on_progress: Progress = no_progres
     )
 
 
-def _first_look(
-    fields: Sequence[FieldRows], on_progress: Progress
-) -> dict[tuple[int, int], Float64]:
-    """Return the pairs that seem to overlap, with a rigid start for their registration."""
-    looks = list[Features]()
+def _looks(fields: Sequence[FieldRows], on_progress: Progress) -> list[Features]:
+    """Return features of reduced fields."""
+    looks = []
     for number, field in enumerate(fields):
         on_progress("looking for overlaps", number, len(fields))
-        whole = field.part(slice(0, field.size[0]), slice(0, field.size[1]))
-        if whole is None:
-            raise DataError(f"{field.name}: has no normals: leave it out")
-        looks.append(features_of(whole, math.ceil(max(field.size) / _LOOK_PX)))
+        looks.append(_look(field))
     on_progress("looking for overlaps", len(fields), len(fields))
+    return looks
+
+
+def _look(field: FieldRows, *, mirrored: bool = False) -> Features:
+    whole = field.part(slice(0, field.size[0]), slice(0, field.size[1]))
+    if whole is None:
+        raise DataError(f"{field.name}: has no normals: leave it out")
+    return features_of(whole, math.ceil(max(field.size) / _LOOK_PX), mirrored)
+
+
+def _first_look(
+    fields: Sequence[FieldRows], looks: Sequence[Features]
+) -> dict[tuple[int, int], Float64]:
+    """Return the pairs that seem to overlap, with a rigid start for their registration."""
     starts = {}
     for first, second in itertools.combinations(range(len(fields)), 2):
         found = match(looks[first], looks[second], scale=True)
@@ -220,23 +228,43 @@ def _registered(
     return pair, differences_of(one, other, found.matrix)
 
 
-def _check_connected(fields: Sequence[FieldRows], pairs: Sequence[FieldPair]) -> None:
+def _check_connected(
+    fields: Sequence[FieldRows], pairs: Sequence[FieldPair], looks: Sequence[Features]
+) -> None:
     groups = groups_of(len(fields), pairs)
     if len(groups) == 1:
         return
     names = [[fields[k].name for k in group] for group in sorted(groups, key=len, reverse=True)]
+    for group in groups:
+        if len(group) == 1 and _is_mirrored(fields[group[0]], looks):
+            raise EstimateError(
+                f"{fields[group[0]].name} is mirrored: what it shows agrees with the mirror images "
+                "of the other fields"
+            )
     alone = [group[0] for group in names if len(group) == 1]
-    if len(names) - len(alone) <= 1 and len(names[0]) > 1:
-        noun = "shows nothing" if len(alone) == 1 else "show nothing"
+    if len(alone) == len(fields):
         raise EstimateError(
-            f"{', '.join(alone)} {noun} of what the other fields show: leave out what is foreign, "
-            "or give a field in between"
+            f"{', '.join(alone[:-1])} and {alone[-1]} have nothing in common: give overlapping "
+            "fields of one object"
+        )
+    if len(alone) == len(names) - 1:
+        shows = "shows" if len(alone) == 1 else "show"
+        raise EstimateError(
+            f"{', '.join(alone)} {shows} nothing of what the other fields show: leave out what is "
+            "foreign, or give a field in between"
         )
     joined = " | ".join(", ".join(group) for group in names)
     raise EstimateError(
         f"the fields form {len(names)} groups that have nothing in common ({joined}): give a field "
-        "in between, or join each group on its own"
+        "in between, or merge each group on its own"
     )
+
+
+def _is_mirrored(field: FieldRows, looks: Sequence[Features]) -> bool:
+    """Return whether the mirror image of a field overlaps with another one."""
+    mirrored = _look(field, mirrored=True)
+    found = (match(mirrored, look, scale=False) for look in looks)
+    return any(one is not None and one.count >= FEWEST_MATCHES for one in found)
 
 
 def _overlaps(fields: Sequence[FieldRows], placements: Float64) -> dict[tuple[int, int], Float64]:
