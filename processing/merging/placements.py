@@ -171,11 +171,11 @@ def _first_look(
     starts = {}
     for first, second in itertools.combinations(range(len(fields)), 2):
         found = match(looks[first], looks[second], scale=True)
-        if found is None or found.count < FEWEST_MATCHES:
+        if found is None or found.agreeing < FEWEST_MATCHES:
             continue
         scale = math.sqrt(abs(np.linalg.det(found.matrix[:2, :2])))
         if abs(scale - 1) > _MOST_SCALE:
-            if found.count >= 3 * FEWEST_MATCHES:
+            if found.agreeing >= 3 * FEWEST_MATCHES:
                 raise DataError(
                     f"{fields[first].name} and {fields[second].name}: pixels of the second are "
                     f"{1 / scale:.3f} times as large: give fields of the same scale"
@@ -264,7 +264,7 @@ def _is_mirrored(field: FieldRows, looks: Sequence[Features]) -> bool:
     """Return whether the mirror image of a field overlaps with another one."""
     mirrored = _look(field, mirrored=True)
     found = (match(mirrored, look, scale=False) for look in looks)
-    return any(one is not None and one.count >= FEWEST_MATCHES for one in found)
+    return any(one is not None and one.agreeing >= FEWEST_MATCHES for one in found)
 
 
 def _overlaps(fields: Sequence[FieldRows], placements: Float64) -> dict[tuple[int, int], Float64]:
