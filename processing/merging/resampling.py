@@ -80,7 +80,7 @@ def shift_of(rows: slice, columns: slice) -> Float64:
 def rectangle_of(
     matrix: Float64, size: Size, limits: Size, margin: int = 0
 ) -> tuple[slice, slice] | None:
-    """Return the rows and columns that an image covers in another one; None if there are none.
+    """Return the rows and columns that an image covers in another one; None outside of it.
 
     Parameters
     ----------
