@@ -13,7 +13,7 @@ from processing.merging.adjustment import FieldPair
 from processing.merging.resampling import masked, turned
 from processing.registration import Field
 from rig import short_repr
-from rig.arrays import Bool, Float32, Float64
+from rig.arrays import Bool, Float64
 
 # Normals of a pair that differ by more than this many times the median count less.
 _OUTLIER: Final = 4.0
@@ -119,14 +119,12 @@ def _disagreement(
     if first.sigma_deg is None or second.sigma_deg is None:
         return math.nan
     here = first.sigma_deg[common]
-    there = masked(_filled(second.sigma_deg), second.mask, matrix, first.mask.shape)[common]
+    there = masked(
+        second.sigma_deg, second.mask & np.isfinite(second.sigma_deg), matrix, first.mask.shape
+    )[common]
     variance = np.radians(here).astype(np.float64) ** 2 + np.radians(there) ** 2
     known = np.isfinite(variance) & (variance > 0)
     return float(np.sqrt((squares[known] / variance[known]).mean())) if known.any() else math.nan
-
-
-def _filled(sigma_deg: Float32) -> Float32:
-    return np.nan_to_num(sigma_deg, nan=0.0)
 
 
 def gains_of(count: int, pairs: Sequence[FieldPair], differences: Sequence[Differences]) -> Float64:

@@ -72,6 +72,11 @@ class Placements:
     __repr__ = short_repr
 
     @property
+    def residual_px(self) -> float:
+        """Root mean square of ``residuals_px``."""
+        return float(np.sqrt(np.mean(np.square(self.residuals_px))))
+
+    @property
     def turns_deg(self) -> Float64:
         """``(N,)`` angles by which the fields are turned, in degrees from right to down."""
         return np.degrees(np.arctan2(self.matrices[:, 1, 0], self.matrices[:, 0, 0]))

@@ -52,19 +52,20 @@ def resampled(image: Float32, matrix: Float64, size: Size, *, smooth: bool = Fal
 def masked(image: Float32, mask: Bool, matrix: Float64, size: Size) -> Float32:
     """Return an image on other pixels as `resampled` does, from what is inside a mask.
 
-    Near the border of the mask, the interpolation is linear; where it has nothing, values are 0.
+    Near the border of the mask, the interpolation is linear; where less than half of it is inside,
+    values are 0.
     """
-    made = resampled(image, matrix, size)
     if mask.all():
-        return made
-    inside = cv2.erode(mask.astype(np.uint8), np.ones((2 * REACH + 1, 2 * REACH + 1), np.uint8))
-    sharp = resampled(inside.astype(np.float32), matrix, size, smooth=True) > 0
+        return resampled(image, matrix, size)
+    filled = np.where(mask if image.ndim == 2 else mask[..., None], image, np.float32(0))
+    inner = cv2.erode(mask.astype(np.uint8), np.ones((2 * REACH + 1, 2 * REACH + 1), np.uint8))
+    sharp = resampled(inner.astype(np.float32), matrix, size, smooth=True) > 0
     share = resampled(mask.astype(np.float32), matrix, size, smooth=True)
-    factor = mask.astype(np.float32) if image.ndim == 2 else mask[..., None].astype(np.float32)
-    linear = resampled(np.asarray(image * factor, np.float32), matrix, size, smooth=True)
     if image.ndim == 3:
         share, sharp = share[..., None], sharp[..., None]
-    return np.where(sharp, made, np.where(share > 0, linear / np.maximum(share, 1e-3), 0))
+    linear = resampled(filled, matrix, size, smooth=True) / np.maximum(share, np.float32(0.5))
+    linear = np.where(share >= 0.5, linear, np.float32(0))
+    return np.where(sharp, resampled(filled, matrix, size), linear)
 
 
 def inverse(matrix: Float64) -> Float64:

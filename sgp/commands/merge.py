@@ -33,6 +33,9 @@ from sgp.stages import (
     open_fields,
 )
 
+# Above these, the fields fit worse than they should: pixels, and standard deviations.
+_MISPLACED_PX, _DISAGREEMENT = 0.3, 2.0
+
 
 @writes_folder("merge.json")
 def merge(
@@ -49,7 +52,6 @@ def merge(
     For example:
 
         sgp merge left/ middle/ right/ --out whole
-        sgp surface whole --sigma whole/normal_sigma_deg.exr --out surface
 
     Parameters
     ----------
@@ -198,7 +200,7 @@ def _metrics(
     metrics: MergeMetrics = {
         "pixels": pixels,
         "overlap": several / pixels,
-        "residual_px": float(np.sqrt(np.mean(np.square(placements.residuals_px)))),
+        "residual_px": placements.residual_px,
         "fields": fields,
         "pairs": _pairs(names, placements),
         "normal_sigma_deg": None if weightless else median_of(sigma_deg),
@@ -243,6 +245,20 @@ def _notices(
             "the other fields: their overlap was not used"
         )
         notices.append(rig.Notice("fields-contradict", text))
+    if placements.residual_px > _MISPLACED_PX:
+        text = (
+            f"the fields fit to {placements.residual_px:.2f} px only: the lens distorts, the "
+            "object is high, or it changed its shape"
+        )
+        notices.append(rig.Notice("fields-misplaced", text))
+    differences = [one for one in placements.disagreements if np.isfinite(one)]
+    usual = float(np.median(differences)) if differences else 0.0
+    if usual > _DISAGREEMENT:
+        text = (
+            f"normals of overlapping fields differ by {usual:.1f} times their standard deviations: "
+            "lights or images have errors that these do not include"
+        )
+        notices.append(rig.Notice("fields-disagree", text))
     without = [field.rows.name for field in given if field.rows.sigma_deg is None]
     if without:
         text = (

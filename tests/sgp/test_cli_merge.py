@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition import read_image
+from acquisition import read_image, write_exr
 from benchmarks.relief_fields import View, relief, seen, write_field
 
 SIZE = (150, 180)
@@ -79,6 +79,15 @@ def test_fields_without_standard_deviations(sgp, place: Path) -> None:
     assert answer.codes() == ["fields-without-sigma"]
     assert answer.figures()["normal_sigma_deg"] is None
     assert np.isnan(read_image(place / "whole" / "normal_sigma_deg.exr")).all()
+
+
+def test_fields_that_disagree(sgp, place: Path) -> None:
+    for name in "AB":
+        file = place / name / "normal_sigma_deg.exr"
+        write_exr(file, read_image(file) / 4)
+    answer = sgp("merge", *"AB", "--out", "whole", "--json")
+    assert answer.codes() == ["fields-disagree"]
+    assert answer.figures()["pairs"][0]["disagreement"] == pytest.approx(4, rel=0.15)
 
 
 @pytest.mark.parametrize(
