@@ -56,10 +56,9 @@ class ShownRecording(Audience):
         self._say(noticed(notice))
 
     def progress(self, stage: str, done: int, total: int, /) -> None:
-        """Show a step; without an operator, a recording waits here with all LEDs off."""
+        """Show a step."""
         if self._started:
             self._desk.show_progress(stage, done, total)
-            self._desk.wait_for_operator()
         else:
             self._desk.progress(stage, done, total)
 
