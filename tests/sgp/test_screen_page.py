@@ -14,6 +14,7 @@ import pytest
 from acquisition import Session, verify_session
 from acquisition.preview.live_picture import CLIPPED
 from sgp.screen import station
+from sgp.screen.access import private_link
 from sgp.screen.station import Light
 from tests.cases import cases
 from tests.sgp.chromium import MISSING, PROGRAM, WINDOW, Browser
@@ -333,6 +334,15 @@ def test_a_rig_that_is_gone_is_said_until_it_is_back(
     page.rig.connect()
     page.browser.until("document.querySelector('#trouble').hidden")
     page.browser.until("!document.querySelector('#light').disabled")
+
+
+def test_the_private_file_leads_to_the_page(browser: Browser, rig: LitRig, tmp_path: Path) -> None:
+    with served(rig, tmp_path) as made, private_link(made.address) as link:
+        browser.visit(link)
+        browser.until("document.querySelector('#caption')?.textContent")
+        assert browser.value("location.href") == made.address
+        assert browser.messages == []
+        browser.call("Page.navigate", url="about:blank")
 
 
 def test_a_program_that_has_ended_is_said(browser: Browser, rig: LitRig, tmp_path: Path) -> None:
