@@ -58,6 +58,7 @@ class Desk:
 
     def _end(self, failure: str) -> None:
         self._failure, self._progress, self._question = failure, None, None
+        self._stage_began = ("", 0, 0.0)
         self._changed()
 
     def progress(self, stage: str, done: int, total: int, /) -> None:

@@ -152,7 +152,7 @@ def record(order: Order, labels: acquisition.Labels, out: Path, *, check: bool) 
         _follow(
             desk,
             ShownRecording(desk, out),
-            lambda audience: record_on_rig(
+            lambda accepting: record_on_rig(
                 rig,
                 plan,
                 left_out,
@@ -160,8 +160,7 @@ def record(order: Order, labels: acquisition.Labels, out: Path, *, check: bool) 
                 order,
                 labels,
                 skip_check=not check,
-                accepting=Acceptance((), audience),
-                audience=audience,
+                accepting=accepting,
                 stop=desk.stop,
             ),
         )
@@ -177,12 +176,11 @@ def resume(order: Order, folder: Path) -> Task:
         _follow(
             desk,
             ShownRecording(desk, folder, [frame.line for frame in begun.frames]),
-            lambda audience: resume_on_rig(
+            lambda accepting: resume_on_rig(
                 rig,
                 begun,
                 ResumeCommand(folder, order.rig_name),
-                accepting=Acceptance((), audience),
-                audience=audience,
+                accepting=accepting,
                 stop=desk.stop,
             ),
         )
@@ -190,11 +188,11 @@ def resume(order: Order, folder: Path) -> Task:
     return task
 
 
-def _follow(desk: Desk, audience: ShownRecording, run: Callable[[Audience], Result]) -> None:
+def _follow(desk: Desk, audience: ShownRecording, run: Callable[[Acceptance], Result]) -> None:
     desk.show(look=None)
     result = None
     try:
-        result = run(audience)
+        result = run(Acceptance(audience=audience))
     finally:
         audience.end(result)
         forget_reports()

@@ -1,7 +1,7 @@
 """The station: operates a rig for a screen, one task at a time.
 
 `Station.run` owns the rig and the signals, on the main thread (decision 9). All other methods may
-be called from any thread: they change settings or request a task, and return at once.
+be called from any thread: they change settings, request a task, or stop it.
 """
 
 from __future__ import annotations

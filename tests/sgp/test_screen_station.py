@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from acquisition import CapturePlan, DataError, Session, verify_session
+from acquisition.engine import StopRequest
 from rig import BoardError, Rig, RigConfig
 from sgp.screen import Desk, Light, PlanSheet, Screen, Station, station
 from sgp.screen.actions import ACTION
@@ -331,6 +332,18 @@ def test_normals_without_lights_say_what_is_missing(open_station: Station, scree
 def test_a_name_that_cannot_be_a_folder_is_refused(screen: Screen, name: str, text: str) -> None:
     with pytest.raises(Exception, match=text):
         do(screen, do="record", object=name)
+
+
+def test_the_remaining_time_is_that_of_the_task(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for began_s in (0.0, 1000.0):
+        desk.begin(StopRequest(), lambda: None)
+        for step in range(3):
+            monkeypatch.setattr(time, "monotonic", lambda now_s=began_s + 2 * step: now_s)
+            desk.progress("recording", step, 10)
+        assert desk.state()["progress"]["left_s"] == 16.0
+        desk.end()
 
 
 # The plan.
