@@ -69,7 +69,7 @@ class ShownRecording(Audience):
         plan: acquisition.CapturePlan,
         shots: Sequence[acquisition.plan.PlannedShot],
     ) -> None:
-        """Note that the checks are done: from now on, the recording ends as the engine ends it."""
+        """Note that the checks are done: from now on, the engine ends the recording at a stop."""
         self._started = True
 
     def on_frame(self, line: acquisition.session.FrameLine) -> None:
@@ -101,7 +101,7 @@ class ShownRecording(Audience):
         return True
 
     def end(self, result: Result | None) -> None:
-        """Show how it ended; None if it can be resumed."""
+        """Show how it ended; without a result, it failed or was stopped."""
         try:
             complete = acquisition.Session.open(self._folder).complete
             self._state = "complete" if complete else "incomplete"

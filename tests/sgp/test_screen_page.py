@@ -289,6 +289,20 @@ def test_the_plan_is_edited_and_metered(page: Page) -> None:
     page.shows("#results", "Checks")
 
 
+def test_a_recording_has_the_plan_that_was_typed_just_before(page: Page) -> None:
+    page.browser.until("!document.querySelector('#record .primary').disabled")
+    page.browser.value("document.querySelector('#record input[type=checkbox]').checked = false")
+    page.browser.value("document.querySelector('#record input[type=text]').value = 'vase'")
+    page.click("document.querySelector('#plan textarea')")
+    page.browser.value("document.querySelector('#plan textarea').select()")
+    page.browser.call("Input.insertText", text="leds = [4]\nexposures_us = [20000.0]\n")
+    page.press("Record")
+    page.shows("#results", "vase: complete")
+    plan = Session.open(page.made.out / "vase").manifest.plan
+    assert plan is not None
+    assert plan.leds == (4,)
+
+
 def test_a_question_is_answered_by_the_keyboard(page: Page) -> None:
     text = 'leds = "0-3"\nexposures_us = [5000.0]\nflats = 2\n'
     page.made.desk.sheet.write(text)
