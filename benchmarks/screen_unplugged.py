@@ -58,7 +58,7 @@ SHADES -= SHADES.mean(axis=1, keepdims=True)
 class Bench:
     """Virtual devices that disappear and return, and their rig file."""
 
-    def __init__(self, stack, folder, draw):
+    def __init__(self, stack, folder, draw, isolate):
         self._draw = draw
         self.board = stack.enter_context(VirtualBoard(LEDS))
         self.state = open_state(self.board.bench_state_path)
@@ -76,6 +76,7 @@ class Bench:
         self.file.write_text(
             f'name = "planes"\ndriver = "bench"\nleds = {LEDS}\nsettle_ms = 0.5\n'
             f'[options]\nport = "{self.board.port}"\ncti = "{self.camera.cti}"\n'
+            f"isolate = {str(isolate).lower()}\n"
         )
 
     def lose(self):
@@ -170,11 +171,14 @@ def main():
     parser = command_line(__doc__)
     parser.add_argument("--losses", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument(
+        "--isolate", action="store_true", help="the GenTL producer in a separate process"
+    )
     options = parser.parse_args()
     draw = random.Random(options.seed)
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="sgp-unplugged-")))
-        bench = Bench(stack, folder, draw)
+        bench = Bench(stack, folder, draw, options.isolate)
         out = folder / "recordings"
         light = Light("one", (0,), EXPOSURE_US)
         page = stack.enter_context(served(RigFile(bench.file), out, plan=PLAN, light=light))
