@@ -3,8 +3,8 @@
 python benchmarks/screen_unplugged.py --losses 200
 
 The station and its server run in this process, on a virtual board at a pty and a GenTL camera. The
-operator clicks LEDs, fetches frames, meters, records and resumes over HTTP. Meanwhile, board or
-camera disappear at random moments, and are back after a random time.
+operator clicks LEDs, fetches frames, meters, checks, records and resumes over HTTP. Meanwhile,
+board or camera disappear at random moments, and are back after a random time.
 
 Exit code 1 if a live or recorded frame shows another LED than stated, a recording does not become
 complete or does not verify, an LED stays on, or the page stops answering.
@@ -111,7 +111,7 @@ class Operator:
     def work(self):
         """Do one thing after the other."""
         while not self.over:
-            self._draw.choice((self.click, self.click, self.meter, self.record))()
+            self._draw.choice((self.click, self.click, self.prepare, self.record))()
 
     def click(self):
         """Choose LEDs, and look at some frames."""
@@ -137,10 +137,11 @@ class Operator:
         if shown != stated:
             self.wrong.append(f"live frame of LED {stated} shows LED {shown}")
 
-    def meter(self):
-        """Meter the plan."""
-        if self._page.do(do="meter", each=True)[0] == 200:
-            self.counts["meterings", self.wait()["failure"][:60]] += 1
+    def prepare(self):
+        """Meter the plan, or check rig and picture for it."""
+        action = self._draw.choice(({"do": "meter", "each": True}, {"do": "check"}))
+        if self._page.do(**action)[0] == 200:
+            self.counts[action["do"], self.wait()["failure"].partition(",")[0]] += 1
 
     def record(self):
         """Record the plan, and take what is missing."""
@@ -155,7 +156,7 @@ class Operator:
                 self.wrong.append(f"{name}: {state['recording']['state']}, {state['failure']}")
                 return
             code, _ = self._page.do(do="resume")
-            self.counts["resumes", code, state["failure"][:60]] += 1
+            self.counts["resume", code, state["failure"].partition(",")[0]] += 1
 
     def wait(self):
         """Return the state after the end of the task."""
