@@ -16,14 +16,12 @@ whole, with the same noise and known heights.
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 import tempfile
+import time
 from pathlib import Path
 
 import numpy as np
-from harness import Table, command_line
+from harness import Table, alone, command_line, resident_bytes
 from relief_fields import Relief, View, relief, seen, true_normals, write_field
 from scipy.ndimage import map_coordinates
 
@@ -31,6 +29,7 @@ from acquisition import read_image, read_mask
 from processing import NormalMap
 from processing.registration import Field
 from rig.arrays import Bool, Float32, Float64
+from sgp.app import build, run
 
 _OVERLAP = 0.15
 # Share of the size of a field by which it is away from its regular place.
@@ -64,12 +63,14 @@ def views_of(grid: int, size: tuple[int, int], tilt_deg: float, seed: int) -> li
 
 
 def command(*words: object) -> tuple[float, float]:
-    """Run a command of sgp; return CPU seconds and peak memory in MB."""
-    process = subprocess.Popen([sys.executable, "-m", "sgp", *map(str, words)], stdout=2)
-    _, status, used = os.wait4(process.pid, 0)
-    if status:
-        raise SystemExit(f"sgp {words[0]} failed")
-    return used.ru_utime + used.ru_stime, used.ru_maxrss / 1000
+    """Run a command of sgp in a process of its own; return CPU seconds and peak memory in MB."""
+    return alone(_run, [str(word) for word in words])
+
+
+def _run(words: list[str]) -> tuple[float, float]:
+    if run(build(words), words):
+        raise RuntimeError(f"sgp {words[0]} failed")
+    return time.process_time(), resident_bytes("VmHWM") / 1e6
 
 
 def matrices_of(record: dict[str, object], size: tuple[int, int]) -> list[Float64]:

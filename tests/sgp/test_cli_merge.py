@@ -11,6 +11,7 @@ import pytest
 
 from acquisition import read_image, write_exr
 from benchmarks.relief_fields import View, relief, seen, write_field
+from tests.sgp.in_bands import CTRL_C, check_equal, interrupted
 
 SIZE = (150, 180)
 VIEWS = (View(130, 120, 0.03), View(255, 115, -0.04), View(128, 228, 1.6), View(250, 222, 3.0))
@@ -59,15 +60,20 @@ def test_a_whole(sgp, place: Path) -> None:
     sgp("verify", "whole").ok()
 
 
-def test_memory_does_not_change_the_whole(sgp, place: Path) -> None:
-    sgp("merge", *"ABC", "--out", "one").ok()
-    message = sgp("merge", *"ABC", "--out", "two", "--memory", "1M").error_line(2)
+def test_an_interrupted_merge_continues_in_bands(sgp, bands, place: Path, monkeypatch) -> None:
+    """In files and in memory, the whole is the same."""
+    monkeypatch.setattr("processing.merging.fusion._ROWS", 64)
+    words = ("merge", *"ABC", "--out")
+    sgp(*words, "one").ok()
+    message = sgp(*words, "two", "--memory", "1M").error_line(2)
     least = message.partition("at least --memory ")[2].strip()
-    sgp("merge", *"ABC", "--out", "two", "--memory", least).ok()
-    for name in ("normals", "albedo", "normal_sigma_deg"):
-        first, second = (read_image(place / out / f"{name}.exr") for out in ("one", "two"))
-        np.testing.assert_array_equal(first, second)
-    assert not [path for path in (place / "two").iterdir() if path.name.startswith(".")]
+    error, code = CTRL_C
+    with interrupted(error, after=2):
+        assert sgp(*words, "two", "--memory", least).code == code
+    assert len(bands) == 2
+    sgp(*words, "two", "--memory", least).ok()
+    assert [units.start for _, units in bands] == [0, 1, 2, 3, 4]
+    check_equal(place / "two", place / "one")
 
 
 def test_fields_without_standard_deviations(sgp, place: Path) -> None:
