@@ -60,8 +60,8 @@ class Registration:
     holds
         ``(H, W)`` bool, those of them around which the fine structure of both is alike or absent.
     drift
-        Smooth shifts in addition to the matrix, such as the parallax of a relief; None if there are
-        none.
+        Smooth shifts in addition to the matrix, such as the parallax of a relief; None if they are
+        not significant.
     """
 
     matrix: Float64
