@@ -15,6 +15,7 @@ from processing.maps.normal_map import NormalMap
 from processing.registration.feature_matches import FEWEST_MATCHES, features_of, match
 from processing.registration.field import Field, fine, reduced
 from processing.registration.placement_fit import (
+    INTERPOLATION_PX,
     SMOOTH_PX,
     Comparison,
     PlacementFit,
@@ -34,8 +35,6 @@ _FEWEST_KNOWN: Final = 0.25
 _SIMILAR: Final = 0.5
 _FEWEST_COMMON: Final = 2000
 _MOST_POSITIONS: Final = 10_000
-# Error of positions without noise.
-_INTERPOLATION_PX: Final = 0.0005
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +60,8 @@ class Registration:
     holds
         ``(H, W)`` bool, those of them around which the fine structure of both is alike or absent.
     drift
-        Smooth shifts in addition to the matrix, such as the parallax of a relief; None if there are
-        none.
+        Smooth shifts in addition to the matrix, such as the parallax of a relief; None if they are
+        not significant.
     """
 
     matrix: Float64
@@ -195,7 +194,7 @@ def register_fields(
         fit.covariance,
         math.sqrt(
             float(np.square(sigma).mean())
-            + _INTERPOLATION_PX**2
+            + INTERPOLATION_PX**2
             + (0 if drift is None else drift.sigma_px**2)
         ),
         fit.correlation,
@@ -296,7 +295,7 @@ def _rotation(tilt: Float64) -> Float64:
 
 
 def _alike(first: Field, there: Field) -> Bool:
-    """Return where the fine structure of both fields is alike or too weak to tell, by tiles."""
+    """Return where the fine structure of both fields is alike or too weak to judge, by tiles."""
     height, width = first.mask.shape
     both = np.isfinite(first.structure).all(axis=0) & np.isfinite(there.structure).all(axis=0)
     count = min(len(first.structure), len(there.structure))

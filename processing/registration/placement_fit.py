@@ -38,6 +38,8 @@ _LONGEST_STEP_PX: Final = 2.0
 _SETTLED_PX: Final = 0.0005
 # Correlation of fine structure in units of its deviation between unrelated fields: chance is 3.
 _LEAST_SIGNIFICANCE: Final = 6.0
+# Error of positions without noise.
+INTERPOLATION_PX: Final = 0.0005
 _RIDGE: Final = 1e-6
 # Least residual relative to the structure.
 _EXACT: Final = 1e-4

@@ -12,6 +12,7 @@ from scipy.sparse import block_diag, csr_array, diags_array, eye_array, kron
 from scipy.sparse.linalg import splu
 
 from processing.registration.placement_fit import (
+    INTERPOLATION_PX,
     Comparison,
     PlacementFit,
     Target,
@@ -97,8 +98,10 @@ def fit_drift(
     chance = float((probe * (information @ solved)).sum(axis=0).mean())
     if gained < chance + _LEAST_SIGNIFICANCE * math.sqrt(2 * max(chance, 1.0)):
         return None
-    measured = blocks.any(axis=1).repeat(2)
-    variance = 2 * float((probe * solved)[measured].mean())
+    measured = blocks.any(axis=1)
+    if math.sqrt(2 * float((nodes[:, measured] ** 2).mean())) < INTERPOLATION_PX:
+        return None
+    variance = 2 * float((probe * solved)[measured.repeat(2)].mean())
     return Drift(nodes.reshape(2, rows, columns), math.sqrt(variance))
 
 

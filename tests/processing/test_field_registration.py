@@ -169,7 +169,7 @@ def mirrored(field: Field) -> Field:
     "second, message",
     {
         "another object": (field_at(np.eye(3), seed=9), "nothing in common"),
-        "beside it": (field_at(shift(500, 0)), "nothing in common"),
+        "no overlap": (field_at(shift(500, 0)), "nothing in common"),
         "mirrored": (mirrored(field_at(np.eye(3))), "one of the two fields is mirrored"),
         "only noise": (field_at(shift(5, 5), noise_deg=80, paint=False), "nothing in common"),
     },
