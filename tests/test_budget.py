@@ -18,7 +18,7 @@ BUDGET = {
     "rig": (4250, 48, 69),
     "acquisition": (15900, 66, 158),
     "calibration": (10240, 30, 87),
-    "processing": (24260, 62, 221),
+    "processing": (24391, 62, 222),
     "simulator": (9050, 28, 77),
     "sgp": (16400, 0, 162),
 }

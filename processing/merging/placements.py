@@ -85,9 +85,10 @@ class Placements:
 def place_fields(fields: Sequence[FieldRows], on_progress: Progress = no_progress) -> Placements:
     """Find where overlapping fields of one object are.
 
-    Pairs that overlap are found by features, and registered (`processing.registration.register_fields`). All
-    placements are adjusted together; pairs that contradict the others are left out. Differences in
-    the overlaps give the gain of the albedo, and the tilt of each field if it is significant.
+    Pairs that overlap are found by features, and registered by `register_fields` of
+    `processing.registration`. All placements are adjusted together; pairs that contradict the
+    others are left out. Differences in the overlaps give the gain of the albedo, and the tilt of
+    each field if it is significant.
 
     Parameters
     ----------
