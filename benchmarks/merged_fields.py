@@ -32,6 +32,8 @@ from rig.arrays import Bool, Float32, Float64
 from sgp.app import build, run
 
 _OVERLAP = 0.15
+# Height of the fields in pixels, and rms tilt in degrees.
+_CASES = ((400, 0.0), (400, 0.3), (1200, 0.0))
 # Share of the size of a field by which it is away from its regular place.
 _JITTER = 0.01
 _TURN_DEG = 2.0
@@ -227,19 +229,14 @@ def main() -> None:
     parser = command_line(__doc__)
     parser.add_argument("--seed", type=int, default=45, help="seed of relief, noise and places")
     parser.add_argument("--grid", type=int, default=5, help="fields along each side")
-    parser.add_argument("--heights", type=int, nargs="+", default=[400, 1200], help="of fields, px")
-    parser.add_argument("--tilts", type=float, nargs="+", default=[0, 0.3], help="rms, degrees")
     parser.add_argument("--memory", default="1500M", help="of the commands")
     parser.add_argument("--out", type=Path, help="table (.csv)")
     options = parser.parse_args()
     table = Table(options.out)
-    for height in options.heights:
-        for tilt in options.tilts:
-            size = height, round(height * 1.39)
-            with tempfile.TemporaryDirectory() as place:
-                table.add(
-                    measured(Path(place), options.grid, size, tilt, options.memory, options.seed)
-                )
+    for height, tilt in _CASES:
+        size = height, round(height * 1.39)
+        with tempfile.TemporaryDirectory() as place:
+            table.add(measured(Path(place), options.grid, size, tilt, options.memory, options.seed))
 
 
 if __name__ == "__main__":
