@@ -11,6 +11,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 from imperfections.recordings import BRIGHTEST, Recording, mask_file
+from scipy.ndimage import map_coordinates
 
 from acquisition import CameraModel, Lights, read_source
 from processing import Reconstruction, reconstruct
@@ -29,6 +30,7 @@ DISTANCE_MM = 600.0
 # Deviation of the lights from what is stated, relative.
 LIGHT_ERROR = 0.02
 _DESIGN_MM = 80.0
+_GRID_MM = 0.1
 
 
 @dataclass(frozen=True)
@@ -109,9 +111,7 @@ class Placed(Surface):
     def rotation(self) -> Float64:
         """Rotation of the object in space."""
         turn, a, b = np.radians([self.turn_deg, *self.tilt_deg])
-        z = np.array(
-            [[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]]
-        )
+        z = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
         x = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
         y = np.array([[np.cos(b), 0, np.sin(b)], [0, 1, 0], [-np.sin(b), 0, np.cos(b)]])
         return np.asarray(x @ y @ z)
@@ -141,8 +141,16 @@ class Placed(Surface):
             a, b = x - R[0, 2] * h, y - R[1, 2] * h
             u, v = inverse[0, 0] * a + inverse[0, 1] * b, inverse[1, 0] * a + inverse[1, 1] * b
             if any(self.tilt_deg):
-                h = self._own(u, v)[0]
+                at = [w / _GRID_MM + len(self._grid) // 2 for w in (v, u)]
+                h = map_coordinates(self._grid, at, order=1, mode="nearest")
         return u, v
+
+    @cached_property
+    def _grid(self) -> Float64:
+        """Heights without the movement, good enough for the effect of a tilt on places."""
+        half = math.ceil(1.3 * self.radius_mm / _GRID_MM)
+        v, u = np.mgrid[-half : half + 1, -half : half + 1] * _GRID_MM
+        return self._own(u, v)[0]
 
     def evaluate(self, x_mm: Float64, y_mm: Float64) -> tuple[Float64, Float64, Float64]:
         """Return height and gradient at positions."""
@@ -256,7 +264,9 @@ def deviating(lights: Lights, rng: np.random.Generator) -> Lights:
     away = np.linalg.norm(places, axis=1, keepdims=True)
     places = places + LIGHT_ERROR * away / math.sqrt(3) * rng.normal(size=places.shape)
     factors = 1 + LIGHT_ERROR * rng.normal(size=(len(places), 1))
-    return replace(lights, positions_mm=places, intensities=np.asarray(lights.intensities) * factors)
+    return replace(
+        lights, positions_mm=places, intensities=np.asarray(lights.intensities) * factors
+    )
 
 
 def places_in_second(
@@ -273,8 +283,6 @@ def places_in_second(
     there = (points - shift_1) @ turn.T + shift_2
     scale = DISTANCE_MM / PIXEL_MM / (DISTANCE_MM - there[..., 2])
     return middle + there[..., 0] * scale, middle - there[..., 1] * scale, np.isfinite(z)
-
-
 
 
 @dataclass(frozen=True)

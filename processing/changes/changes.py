@@ -99,7 +99,7 @@ class Changes:
     significant
         ``(H, W)`` bool, the significant changes.
     threshold
-        The \\|z\\| above which a change is significant.
+        The size of z above which a change is significant.
     false_alarm
         Probability that a map without a change has one above the threshold.
     """
@@ -231,9 +231,7 @@ def _regions(best: _Best, level: float) -> Int32:
         # What has as much curl is no change of the surface.
         kept &= peak > control
     kept[0] = False
-    grown = cv2.dilate(
-        (kept[numbers]).astype(np.uint8), np.ones((2 * _MARGIN + 1,) * 2, np.uint8)
-    )
+    grown = cv2.dilate((kept[numbers]).astype(np.uint8), np.ones((2 * _MARGIN + 1,) * 2, np.uint8))
     grown[[0, -1]] = grown[:, [0, -1]] = 0
     return np.asarray(label(grown > 0, np.ones((3, 3)))[0], np.int32)
 

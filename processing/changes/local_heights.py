@@ -70,9 +70,9 @@ def height_variances(difference: Difference, regions: Int32, places: Intp) -> Fl
         )
         inside = np.nonzero(gain)
         label = _nearest(regions)[inside]
-        total += np.bincount(
-            label, gain[inside] ** 2 * variance[inside], minlength=len(total)
-        )[: len(total)]
+        total += np.bincount(label, gain[inside] ** 2 * variance[inside], minlength=len(total))[
+            : len(total)
+        ]
     return total[1:]
 
 

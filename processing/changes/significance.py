@@ -209,9 +209,7 @@ def _local_scale(z: Float32, known: Bool, extent: float) -> Float32:
     def smooth(values: Float32) -> Float64:
         blocks = np.pad(values, pad).reshape(rows, _SAMPLES, columns, _SAMPLES)
         sums = blocks.sum(axis=(1, 3)).astype(np.float64)
-        return np.asarray(
-            cv2.GaussianBlur(sums, (0, 0), around, borderType=cv2.BORDER_CONSTANT)
-        )
+        return np.asarray(cv2.GaussianBlur(sums, (0, 0), around, borderType=cv2.BORDER_CONSTANT))
 
     count = smooth(known_here.astype(np.float32))
     start = float(np.median(square[known_here])) / 0.455 if known_here.any() else 1.0
