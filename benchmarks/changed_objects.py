@@ -152,6 +152,14 @@ class Placed(Surface):
         v, u = np.mgrid[-half : half + 1, -half : half + 1] * _GRID_MM
         return self._own(u, v)[0]
 
+    def place_of(self, u_mm: float, v_mm: float) -> tuple[float, float]:
+        """Return where a point of the object is on the board."""
+        h = float(self._own(np.array([u_mm]), np.array([v_mm]))[0][0])
+        x, y = (self.rotation @ [u_mm, v_mm, h])[:2] + self.shift_mm
+        # Perspective, relative to the working plane.
+        nearer = DISTANCE_MM / (DISTANCE_MM - h)
+        return float(x * nearer), float(y * nearer)
+
     def evaluate(self, x_mm: Float64, y_mm: Float64) -> tuple[Float64, Float64, Float64]:
         """Return height and gradient at positions."""
         u, v = self.own_place(np.asarray(x_mm, float), np.asarray(y_mm, float))
@@ -269,22 +277,6 @@ def deviating(lights: Lights, rng: np.random.Generator) -> Lights:
     )
 
 
-def places_in_second(
-    first: Placed, second: Placed, depths_mm: Float64, size: int
-) -> tuple[Float64, Float64, Bool]:
-    """Return the true pixels in the second image of the points in pixels of the first."""
-    middle = (size - 1) / 2
-    row, column = np.mgrid[:size, :size]
-    z = depths_mm
-    scale = (DISTANCE_MM - z) / DISTANCE_MM * PIXEL_MM
-    points = np.stack([(column - middle) * scale, (middle - row) * scale, z], axis=-1)
-    shift_1, shift_2 = (np.array([*one.shift_mm, 0]) for one in (first, second))
-    turn = second.rotation @ first.rotation.T
-    there = (points - shift_1) @ turn.T + shift_2
-    scale = DISTANCE_MM / PIXEL_MM / (DISTANCE_MM - there[..., 2])
-    return middle + there[..., 0] * scale, middle - there[..., 1] * scale, np.isfinite(z)
-
-
 @dataclass(frozen=True)
 class Planted:
     """A change in a grid, with what it is."""
@@ -293,6 +285,11 @@ class Planted:
     width_px: float
     depth_um: float
     change: Alteration
+
+
+def altered(surface: Placed, plants: Sequence[Planted]) -> Placed:
+    """Return an object with planted changes."""
+    return replace(surface, alterations=tuple(one.change for one in plants))
 
 
 def planted(kinds: Sequence[tuple[str, float, float]], rng: np.random.Generator) -> list[Planted]:
@@ -307,7 +304,7 @@ def planted(kinds: Sequence[tuple[str, float, float]], rng: np.random.Generator)
     chosen = rng.permutation(len(cells))[: len(kinds)]
     made = []
     for (kind, width, depth), cell in zip(kinds, chosen, strict=True):
-        x, y = (float(one + rng.uniform(-0.3, 0.3)) for one in cells[cell])
+        x, y = (float(one + rng.uniform(-0.1, 0.1)) for one in cells[cell])
         change = Alteration(
             x,
             y,

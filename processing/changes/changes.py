@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -25,7 +25,7 @@ from rig import short_repr
 from rig.arrays import Bool, Float32, Int32
 
 # A change extends as far as its significance is above this.
-_EXTENT: Final = 3.0
+_EXTENT: Final = 4.0
 # Pixels around it whose height may have changed as well.
 _MARGIN: Final = 3
 # Relative standard deviation of the blur of a lens.
@@ -34,6 +34,12 @@ _BLUR_SPREAD: Final = 0.25
 _FINER: Final = 4
 # A narrow change is at least this share of the blur wide.
 _NARROWEST: Final = 0.15
+# Relative deviation of a width by the profile.
+_PROFILE: Final = 0.05
+# Cross-sections within this distance in pixels are averaged.
+_STRETCH: Final = 8
+# Height of a round change over the mean of its middle: 1 if it is level, 1.09 for a Gaussian.
+_OF_MIDDLE: Final = 1.04
 # Length over width of a scratch, which is blurred across only.
 _LONG: Final = 2.0
 
@@ -51,6 +57,8 @@ class Change:
     area_px, length_px, width_px
         Area, length and width of the part that is more than half as deep as the worst place, in
         (square) pixels, without the blur of the lens.
+    width_sigma_px
+        Standard deviation of the width.
     height_px, height_sigma_px
         Change of height at the worst place along +Z in pixels, and its standard deviation; NaN for
         one of albedo.
@@ -67,6 +75,7 @@ class Change:
     area_px: float
     length_px: float
     width_px: float
+    width_sigma_px: float
     height_px: float
     height_sigma_px: float
     albedo_factor: float
@@ -126,12 +135,15 @@ class _Best:
         self.control = np.zeros(shape, np.float32)
         self.amplitude = np.zeros(shape, np.float32)
         self.sigma = np.full(shape, np.nan, np.float32)
+        self.factor = np.ones(shape, np.float32)
 
     def add(self, response: Response) -> None:
         better = np.abs(response.z) > np.abs(self.z)
         for name in ("z", "amplitude", "sigma"):
             np.copyto(getattr(self, name), getattr(response, name), where=better)
-        np.maximum(self.control, np.abs(response.control), out=self.control)
+        np.maximum(self.factor, response.factor, out=self.factor)
+        if response.control is not None:
+            np.maximum(self.control, np.abs(response.control), out=self.control)
 
 
 def find_changes(
@@ -227,9 +239,8 @@ def _regions(best: _Best, level: float) -> Int32:
     np.maximum.at(peak, numbers.ravel(), np.abs(best.z).ravel())
     np.maximum.at(control, numbers.ravel(), best.control.ravel())
     kept = peak >= level
-    if best.control is not best.z:
-        # What has as much curl is no change of the surface.
-        kept &= peak > control
+    # What has as much curl is no change of the surface.
+    kept &= peak > control
     kept[0] = False
     grown = cv2.dilate((kept[numbers]).astype(np.uint8), np.ones((2 * _MARGIN + 1,) * 2, np.uint8))
     grown[[0, -1]] = grown[:, [0, -1]] = 0
@@ -255,23 +266,24 @@ def _surface_changes(
         places.append((row + box[0].start, column + box[1].start))
     spots = np.array(places)
     sigmas = np.sqrt(height_variances(difference, regions, spots))
+    sigmas *= surface.factor[tuple(spots.T)]
     found = []
     for number, (box, (row, column)) in enumerate(zip(boxes, places, strict=True), 1):
         own = regions[box] == number
         size = _Size.of(np.where(own, height[box], 0), (row - box[0].start, column - box[1].start))
-        factor, factor_sigma, width = size.sharpened(blur_px)
+        sharp = size.sharpened(blur_px, sigmas[number - 1])
         peak = float(np.abs(np.where(own, surface.z[box], 0)).max())
-        sigma = math.hypot(factor * sigmas[number - 1], factor_sigma * size.height)
         found.append(
             Change(
                 int(row),
                 int(column),
                 "surface",
-                size.area * width / size.width,
+                size.area * sharp.width / size.width,
                 size.length,
-                width,
-                factor * size.height,
-                sigma,
+                sharp.width,
+                sharp.width_sigma,
+                sharp.height,
+                sharp.height_sigma,
                 *_albedo_at(albedo, row, column),
                 math.copysign(peak, size.height),
             )
@@ -302,6 +314,7 @@ def _albedo_changes(albedo: _Best, regions: Int32, taken: Bool) -> list[Change]:
                 size.area,
                 size.length,
                 size.width,
+                math.nan,
                 math.nan,
                 math.nan,
                 *_albedo_at(albedo, row, column),
@@ -340,26 +353,79 @@ class _Size:
         # Of a rectangle, and of an ellipse.
         length = math.sqrt(12 * float(spread[1]))
         if length**2 > _LONG * area:
-            return cls(height, area, length, area / length)
+            height, width = _across(values, place, height)
+            return cls(height, area, length, width)
         length = 4 * math.sqrt(float(spread[1]))
-        return cls(height, area, length, 4 * area / (math.pi * length))
+        width = 4 * area / (math.pi * length)
+        # The mean of its middle, because the largest value is one with a large error.
+        row, column = np.indices(values.shape)
+        middle = (row - place[0]) ** 2 + (column - place[1]) ** 2 <= (width / 4) ** 2
+        return cls(_OF_MIDDLE * float(values[middle].mean()), area, length, width)
 
-    def sharpened(self, blur_px: float) -> tuple[float, float, float]:
-        """Return the factor of the height by the blur, its deviation, and the width without it.
+    def sharpened(self, blur_px: float, sigma: float) -> _Sharp:
+        """Return height and width without the blur, from a height with a standard deviation.
 
-        A lens keeps the volume of a change. How it lowers the worst place depends on the profile:
-        not, if it is level and wide, and the most if it is a Gaussian.
+        A lens keeps the volume of a change. A Gaussian profile loses the most height and gains the
+        most width, and a wide level one neither; profiles in between are within 2 deviations.
         """
-        blurred = FWHM * blur_px
-
-        def sharp(blur: float) -> float:
-            return math.sqrt(max(self.width**2 - blur**2, (_NARROWEST * blur) ** 2))
-
         dimensions = 1 if self.length > _LONG * self.width else 2
 
-        def most(blur: float) -> float:
-            return (self.width / sharp(blur)) ** dimensions
+        def width_of(blur: float) -> float:
+            return math.sqrt(max(self.width**2 - blur**2, (_NARROWEST * blur) ** 2))
 
-        largest = most(blurred)
-        spread = (largest - most(blurred * (1 - _BLUR_SPREAD))) / 2
-        return (1 + largest) / 2, math.hypot((largest - 1) / 4, spread), sharp(blurred)
+        width, wider = (width_of(FWHM * blur_px * part) for part in (1, 1 - _BLUR_SPREAD))
+        relative = sigma / abs(self.height)
+        # A width that is not above that of the blur surely may be any smaller one.
+        least = self.width * max(1 - relative / 2, 0)
+        lost = self.width**2 - least**2
+        sharpest, sharper = (
+            width_of(math.sqrt((FWHM * blur_px * part) ** 2 + lost))
+            for part in (1, 1 - _BLUR_SPREAD)
+        )
+        most, less = ((self.width / of) ** dimensions for of in (sharpest, sharper))
+        factor = (1 + most) / 2
+        return _Sharp(
+            factor * self.height,
+            abs(self.height) * math.hypot(factor * relative, (most - 1) / 4, (most - less) / 2),
+            (self.width + width) / 2,
+            math.hypot(
+                self.width * relative,
+                (self.width - width) / 4,
+                (wider - width) / 2,
+                _PROFILE * self.width,
+            ),
+        )
+
+
+def _across(values: Float32, place: tuple[int, int], height: float) -> tuple[float, float]:
+    """Return height and width of a scratch: of the mean of its cross-sections near a place."""
+    row, column = np.indices(values.shape)
+    down, right = row - place[0], column - place[1]
+    relative = values / height
+    near = (down**2 + right**2 <= _STRETCH**2) & (relative > 0.5)
+    spread = np.cov(np.stack([right[near], down[near]]), aweights=relative[near])
+    along, across = np.linalg.eigh(spread)[1].T[::-1]
+    v = np.arange(-4 * _STRETCH, 4 * _STRETCH + 1) / 4
+    u = np.arange(-_STRETCH, _STRETCH + 1)
+    at = [place[k] + across[1 - k] * v[:, None] + along[1 - k] * u for k in (1, 0)]
+    sampled = cv2.remap(relative, *(np.float32(of) for of in at), cv2.INTER_CUBIC)
+    mean = sampled[:, np.abs(sampled).max(axis=0) > 0.5].mean(axis=1)
+    peak = int(np.argmax(np.where(np.abs(v) <= 2, mean, 0)))
+    beside = mean < mean[peak] / 2
+    first = np.flatnonzero(beside[:peak])
+    last = np.flatnonzero(beside[peak:])
+    low, high = (first[-1] if len(first) else 0), (peak + last[0] if len(last) else len(v) - 1)
+
+    def crossing(out: int, inside: int) -> float:
+        share = (mean[peak] / 2 - mean[out]) / max(mean[inside] - mean[out], 1e-9)
+        return float(v[out] + share * (v[inside] - v[out]))
+
+    width = crossing(high, high - 1) - crossing(low, low + 1)
+    return height * float(mean[peak]), width
+
+
+class _Sharp(NamedTuple):
+    height: float
+    height_sigma: float
+    width: float
+    width_sigma: float

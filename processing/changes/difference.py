@@ -7,6 +7,7 @@ from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
+from scipy.optimize import nnls
 
 from processing.registration.field import Field
 from rig import short_repr
@@ -21,6 +22,8 @@ _LIGHTS, _SHIFT, _BLUR = 0.2, 0.3, 0.3
 # Degrees of freedom of the distribution of differences, whose tails are those of edges of shadows.
 _FREEDOM: Final = 4.0
 _ROUNDS: Final = 4
+# Squares beyond this times the expected ones are changes; most pixels that show what is expected.
+_CHANGED, _MOST_SEEN = 10.0, 200_000
 # Slopes that are steeper are not compared.
 _STEEPEST: Final = 2.0
 # Pixels at the border of the common area.
@@ -98,8 +101,7 @@ def field_difference(before: Field, after: Field, holds: Bool) -> Difference:
         *(((of_p, of_q), _SHIFT) for of_p, of_q in zip(bends[0][:2], bends[1][:2], strict=True)),
         ((bends[0][2], bends[1][2]), _BLUR),
     ]
-    slopes, weight = _without(slopes, regressors, variance, known, _edges(*bends))
-    log_albedo, albedo_weight = None, None
+    log_albedo, albedo_weight, dark = None, None, []
     if before.albedo is not None and after.albedo is not None:
         # Errors along and across the normal are about equal.
         a, b = (_logarithm(one.albedo) for one in (before, after))
@@ -107,13 +109,18 @@ def field_difference(before: Field, after: Field, holds: Bool) -> Difference:
         change = np.where(lit, b - a, 0)[None].astype(np.float32)
         mean = np.where(lit, (a + b) / 2, np.mean((a + b)[lit]) / 2 if lit.any() else 0)
         bend = _derivatives(mean.astype(np.float32))
-        regressors = [
+        # Noise of photons and of the sensor, relative to the signal.
+        shade = np.exp(np.median(mean[known]) - mean).astype(np.float32)
+        dark = [variance * shade, variance * shade**2]
+        of_albedo = [
             *(((of,), _LIGHTS) for of in (one, p, q)),
             *(((of,), _SHIFT) for of in bend[:2]),
             ((bend[2],), _BLUR),
         ]
-        change, albedo_weight = _without(change, regressors, variance, lit, _edges(bend))
+        parts = [variance, *dark, *_edges(bend)]
+        change, albedo_weight = _without(change, of_albedo, parts, lit)
         log_albedo = change[0]
+    slopes, weight = _without(slopes, regressors, [variance, *dark, *_edges(*bends)], known)
     return Difference(slopes, weight, log_albedo, albedo_weight)
 
 
@@ -161,22 +168,23 @@ def _edges(*bends: tuple[Float32, Float32, Float32]) -> list[Float32]:
 def _without(
     values: Float32,
     regressors: list[tuple[tuple[Float32, ...], float]],
-    variance: Float32,
+    parts: list[Float32],
     known: Bool,
-    edges: list[Float32],
 ) -> tuple[Float32, Float32]:
-    """Return values ``(C, H, W)`` without what regressors explain nearby, and their weights."""
+    """Return values ``(C, H, W)`` without what regressors explain nearby, and their weights.
+
+    Their variance is a sum of shares of ``parts``, of which the first is that of the error bars.
+    """
     priors = np.array([prior for _, prior in regressors])
-    scale = _scale(values, variance, known)
     left = values
-    expected = np.asarray(variance * scale, np.float32)
+    expected = np.asarray(parts[0] * _scale(values, parts[0], known), np.float32)
     robust = np.ones_like(values)
     for _ in range(_ROUNDS):
         weights = np.where(known, robust / expected, 0)
         fitted = _fitted(values, [of for of, _ in regressors], weights, priors)
         left = np.where(known, values - fitted, 0).astype(np.float32)
         square = np.mean(np.square(left), axis=0)
-        expected = _expected(square, variance, known, edges)
+        expected = _expected(square, parts, known)
         robust = (_FREEDOM + 1) / (_FREEDOM + np.square(left) / expected)
     return left, np.asarray(np.where(known, 1 / expected, 0), np.float32)
 
@@ -189,24 +197,21 @@ def _scale(values: Float32, variance: Float32, known: Bool) -> float:
     return float(np.median(square)) / 0.455 + 1e-12
 
 
-def _expected(square: Float32, variance: Float32, known: Bool, edges: list[Float32]) -> Float32:
-    """Return expected squares: shares of the variance and of the squares of derivatives."""
-    parts = np.stack([of[known].astype(np.float64) for of in (variance, *edges)])
+def _expected(square: Float32, parts: list[Float32], known: Bool) -> Float32:
+    """Return the expected squares: the sum of shares of the parts that fits best."""
     seen = square[known].astype(np.float64)
-    shares = np.array([np.median(seen) / np.median(parts[0]), 0, 0])
-    gains = np.maximum(parts.mean(axis=1), 1e-30)
-    every = 1 + seen.size // 200_000
-    parts, seen = parts[:, ::every] / gains[:, None], seen[::every]
-    shares *= gains
-    from scipy.optimize import nnls
-
-    for _ in range(8):
-        now = shares @ parts + 1e-30
-        # Beyond 6 times the expectation, squares are changes.
-        bounded = np.minimum(seen, 6 * now)
-        shares = nnls((parts / now).T, bounded / now)[0]
-    shares = shares / gains
-    total = sum(share * of for share, of in zip(shares, (variance, *edges), strict=True))
+    every = 1 + seen.size // _MOST_SEEN
+    columns = np.stack([of[known][::every].astype(np.float64) for of in parts])
+    seen = seen[::every]
+    gains = np.maximum(columns.mean(axis=1), 1e-30)
+    columns /= gains[:, None]
+    shares = np.array([np.median(seen), *[0.0] * (len(parts) - 1)])
+    for _ in range(_ROUNDS):
+        now = shares @ columns + 1e-30
+        # Squares far beyond the expectation are changes.
+        bounded = np.minimum(seen, _CHANGED * now)
+        shares = nnls((columns / now).T, bounded / now)[0]
+    total = sum(share * of for share, of in zip(shares / gains, parts, strict=True))
     return np.asarray(np.maximum(total, 1e-12), np.float32)
 
 

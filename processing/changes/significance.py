@@ -31,6 +31,9 @@ _BOUNDED_MEAN: Final = 0.9199
 # neighbourhood whose errors are compared, at least in blocks and in scales of the template.
 _SAMPLES, _EVERY, _AROUND, _AROUND_SCALES = 8, 2, 1.5, 12.0
 _ROUNDS: Final = 6
+# Share of normal numbers that are closer to 0 than this. Changes widen the tails of the albedo, so
+# that these count up to a limit.
+_TAIL, _TAIL_REACHES, _WIDEST, _MOST = 0.9973, 3.0, 1.3, 400_000
 
 
 class Response(NamedTuple):
@@ -49,7 +52,10 @@ class Response(NamedTuple):
     z
         ``(H, W)`` amplitude over standard deviation; 0 where it is not known.
     control
-        ``(H, W)`` the same of what no change of a surface causes, see `height_responses`.
+        ``(H, W)`` the same of what no change of a surface causes, see `height_responses`; None for
+        the albedo.
+    factor
+        ``(H, W)`` by how much errors nearby exceed those of the weights.
     """
 
     scale_px: float
@@ -57,14 +63,15 @@ class Response(NamedTuple):
     amplitude: Float32
     sigma: Float32
     z: Float32
-    control: Float32
+    control: Float32 | None
+    factor: Float32
 
 
 class _Sums(NamedTuple):
     """Sums over a template: of values, of the control, and of the weights of its squares."""
 
     found: Float32
-    control: Float32
+    control: Float32 | None
     power: Float32
 
 
@@ -106,7 +113,7 @@ def albedo_responses(difference: Difference) -> Iterator[Response]:
         power += share**2 * _correlated(weight, wide**2, wide**2)
         power -= 2 * share * _correlated(weight, bell * wide, bell * wide)
         full = float(np.square(np.outer(bell, bell) - share * np.outer(wide, wide)).sum())
-        yield _response(scale, None, _Sums(found, found, power), weight, full)
+        yield _response(scale, None, _Sums(found, None, power), weight, full)
 
 
 def _kernels(scale: float) -> tuple[Float64, Float64]:
@@ -124,7 +131,7 @@ def _correlated(values: Float32, across: Float64, down: Float64) -> Float32:
 
 def _line(scale: float, angle: float, sums: _Sums, weight: Float32) -> Response:
     """Return the response to a line of spots."""
-    added = _Sums(*(_added(of, angle) for of in sums))
+    added = _Sums(*(None if of is None else _added(of, angle) for of in sums))
     # The squares of a sum are not the sum of squares.
     full, separate = (power_of(scale, of) for of in (angle, None))
     power = added.power * np.float32(full / (_SPOTS * separate))
@@ -182,19 +189,37 @@ def _response(
     # Half of a template at least is in the known part.
     known = (weight > 0) & (sums.power > 0.5 * full * weight)
     root = np.sqrt(np.where(known, sums.power, 1))
-    z, control = (np.where(known, of / root, 0) for of in sums[:2])
+    z = np.where(known, sums.found / root, 0)
     extent = scale if angle is None else math.sqrt(scale * _LINE_PX)
     factor = _local_scale(z, known, extent)
-    if sums.control is not sums.found:
+    control = None
+    if sums.control is not None:
+        control = np.where(known, sums.control / root, 0)
         factor = np.maximum(factor, _local_scale(control, known, extent))
+    factor *= _tail((z if control is None else control) / factor, known)
+    if control is not None:
+        control = np.asarray(control / factor, np.float32)
     return Response(
         scale,
         angle,
         np.asarray(np.where(known, sums.found / root**2, 0), np.float32),
         np.asarray(np.where(known, factor / root, np.nan), np.float32),
         np.asarray(z / factor, np.float32),
-        np.asarray(control / factor, np.float32),
+        control,
+        factor,
     )
+
+
+def _tail(z: Float32, known: Bool) -> np.float32:
+    """Return by how much the tails are wider than those of a Gaussian, 1 or more.
+
+    Errors differ from pixel to pixel, which a neighbourhood does not show.
+    """
+    some = np.abs(z[known])
+    if not some.size:
+        return np.float32(1)
+    reached = np.quantile(some[:: 1 + some.size // _MOST], _TAIL)
+    return np.float32(np.clip(reached / _TAIL_REACHES, 1, _WIDEST))
 
 
 def _local_scale(z: Float32, known: Bool, extent: float) -> Float32:

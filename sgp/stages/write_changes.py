@@ -11,16 +11,14 @@ import numpy as np
 
 import acquisition
 import rig
-from processing.changes import Changes
+from processing.changes import Change, Changes
 from processing.registration import Field, Registration
 from rig.arrays import Float32
 from sgp.pictures import Panel, map_panel, normals_panel, signed_panel, write_overview
 from sgp.results import LevelMetrics, RegisteredMetrics, Result
 
-_COLUMNS = (
-    "number", "kind", "column_px", "row_px", "x", "y", "length", "width", "area", "height",
-    "height_sigma", "height_k2", "albedo_factor", "albedo_sigma", "significance",
-)  # fmt: skip
+# For the heading of a table without changes.
+_NONE = Change(0, 0, "surface", *[math.nan] * 9)
 # Changes that the terminal lists.
 _LISTED = 10
 
@@ -93,15 +91,12 @@ def add_changes(
     metrics["changes"] = len(found.changes)
     metrics["false_alarm"], metrics["threshold"] = found.false_alarm, found.threshold
     metrics["levels"] = levels
-    rows = [_row(number, found, size) for number in range(len(found.changes))]
+    rows = [
+        _row(one, number, found.z.shape, size, unit) for number, one in enumerate(found.changes)
+    ]
     text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(
-        f"{name}_{unit}" if name in ("x", "y", "length", "width", "height", "height_sigma",
-                                     "height_k2")
-        else f"{name}_{unit}2" if name == "area" else name
-        for name in _COLUMNS
-    )  # fmt: skip
+    table = csv.DictWriter(text, _row(_NONE, 0, (1, 1), size, unit), lineterminator="\n")
+    table.writeheader()
     table.writerows(rows)
     acquisition.write_durably(
         result.file("changes", out / "changes.csv"), text.getvalue().encode("ascii")
@@ -128,7 +123,7 @@ def add_changes(
         f"{rig.pluralize(len(found.changes), 'significant change')}, AFTER - BEFORE",
         _panels(found, size, unit),
     )
-    result.summary += _lines(found, rows, levels, unit)
+    result.summary += _lines(found, levels, size, unit)
 
 
 def _panels(found: Changes, size: float, unit: str) -> list[Panel]:
@@ -144,39 +139,44 @@ def _panels(found: Changes, size: float, unit: str) -> list[Panel]:
     return panels
 
 
-def _row(number: int, found: Changes, size: float) -> list[str]:
-    one = found.changes[number]
-    height, width = found.z.shape
-    figures = (
-        (one.column - (width - 1) / 2) * size,
-        ((height - 1) / 2 - one.row) * size,
-        one.length_px * size,
-        one.width_px * size,
-        one.area_px * size**2,
-        one.height_px * size,
-        one.height_sigma_px * size,
-        2 * one.height_sigma_px * size,
-        one.albedo_factor,
-        one.albedo_sigma,
-        one.z,
-    )
-    texts = ["" if math.isnan(value) else f"{value:.5g}" for value in figures]
-    return [str(number + 1), one.kind, str(one.column), str(one.row), *texts]
+def _row(
+    one: Change, number: int, shape: tuple[int, ...], size: float, unit: str
+) -> dict[str, str]:
+    """Return the columns of a change."""
+    height, width = shape
+    figures = {
+        f"x_{unit}": (one.column - (width - 1) / 2) * size,
+        f"y_{unit}": ((height - 1) / 2 - one.row) * size,
+        f"length_{unit}": one.length_px * size,
+        f"width_{unit}": one.width_px * size,
+        f"width_sigma_{unit}": one.width_sigma_px * size,
+        f"area_{unit}2": one.area_px * size**2,
+        f"height_{unit}": one.height_px * size,
+        f"height_sigma_{unit}": one.height_sigma_px * size,
+        "albedo_factor": one.albedo_factor,
+        "albedo_sigma": one.albedo_sigma,
+        "significance": one.z,
+    }
+    texts = {name: "" if math.isnan(value) else f"{value:.5g}" for name, value in figures.items()}
+    place = {"column_px": str(one.column), "row_px": str(one.row)}
+    return {"number": str(number + 1), "kind": one.kind} | place | texts
 
 
-def _lines(
-    found: Changes, rows: list[list[str]], levels: list[LevelMetrics], unit: str
-) -> list[str]:
-    count = len(rows)
+def _lines(found: Changes, levels: list[LevelMetrics], size: float, unit: str) -> list[str]:
+    count = len(found.changes)
     lines = [
         f"changes       {count or 'none'} significant; a map without a change has one with a "
         f"probability of {found.false_alarm:.0%} at most"
     ]
-    for one in rows[:_LISTED]:
-        what = f"height {one[9]} +- {one[11]} {unit} (k = 2)" if one[9] else f"albedo x {one[12]}"
+    for number, one in enumerate(found.changes[:_LISTED], 1):
+        if one.kind == "surface":
+            deviation = 2 * size * one.height_sigma_px
+            what = f"height {size * one.height_px:.2g} +- {deviation:.1g} {unit} (k = 2)"
+        else:
+            what = f"albedo times {one.albedo_factor:.3f} +- {2 * one.albedo_sigma:.3f} (k = 2)"
         lines.append(
-            f"  {one[0]}: {one[1]} at x {one[4]}, y {one[5]} {unit}, {one[6]} x {one[7]} {unit}, "
-            f"{what}, {abs(float(one[14])):.1f} sigma"
+            f"  {number}: column {one.column}, row {one.row}, {size * one.length_px:.2g} x "
+            f"{size * one.width_px:.2g} {unit}, {what}, {abs(one.z):.1f} sigma"
         )
     if count > _LISTED:
         lines.append(f"  and {count - _LISTED} more in changes.csv")
