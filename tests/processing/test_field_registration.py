@@ -1,0 +1,158 @@
+"""Registration of two fields of one object: placements, errors and fields that do not fit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from acquisition import DataError
+from acquisition.values import angle_deg
+from calibration import EstimateError
+from processing import NormalMap
+from processing.registration import Field, PlaneModel, Registration, register_fields
+from rig.arrays import Float64
+from tests.cases import cases
+
+SIZE = (200, 240)
+WAVES = 150
+
+
+def turned(degrees: float, size: float = 1.0) -> Float64:
+    """Return a turn from right to down about the middle of a field."""
+    angle = math.radians(degrees)
+    c, s = size * math.cos(angle), size * math.sin(angle)
+    middle = np.array([SIZE[1] - 1, SIZE[0] - 1]) / 2
+    linear = np.array([[c, -s], [s, c]])
+    return np.vstack([np.column_stack([linear, middle - linear @ middle]), [0, 0, 1]])
+
+
+def shift(right: float, down: float) -> Float64:
+    return np.array([[1, 0, right], [0, 1, down], [0, 0, 1.0]])
+
+
+def field_at(place: Float64, *, seed: int = 1, noise_deg: float = 0.2, paint: bool = True) -> Field:
+    """Return a field whose pixel p shows the point ``place @ p`` of an unlimited relief.
+
+    The relief is a sum of plane waves, so that slopes are exact anywhere. The axes of the field
+    turn with it.
+    """
+    waves = np.random.default_rng(seed)
+    length = np.exp(waves.uniform(np.log(6), np.log(50), WAVES))
+    around = waves.uniform(0, 2 * np.pi, WAVES)
+    phase = waves.uniform(0, 2 * np.pi, (2, WAVES))
+    across, along = 2 * np.pi / length * np.cos(around), 2 * np.pi / length * np.sin(around)
+    rows, columns = np.mgrid[: SIZE[0], : SIZE[1]]
+    x, y, w = np.tensordot(place, np.stack([columns, rows, np.ones_like(rows)]), 1)
+    at = across * (x / w)[..., None] + along * (y / w)[..., None]
+    change = np.cos(at + phase[0]) * 0.3 / math.sqrt(WAVES)
+    right, down = (change * np.cos(around)).sum(axis=2), (change * np.sin(around)).sum(axis=2)
+    angle = math.atan2(place[1, 0], place[0, 0])
+    c, s = math.cos(angle), math.sin(angle)
+    # Slopes along the axes of the field, the second one up.
+    slope_x, slope_y = c * right + s * down, s * right - c * down
+    noise = np.random.default_rng([seed, round(1e4 * abs(place[0, 2]))])
+    normals = np.dstack([-slope_x, -slope_y, np.ones_like(slope_x)])
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    normals += np.radians(noise_deg) / math.sqrt(2) * noise.normal(size=normals.shape)
+    albedo = None
+    if paint:
+        strength = np.sin(at + phase[1]).sum(axis=2) / math.sqrt(WAVES)
+        albedo = (0.5 * np.exp(0.2 * strength)).astype(np.float32)
+    return Field(NormalMap.from_vectors(normals), albedo)
+
+
+def error_px(found: Registration, truth: Float64) -> float:
+    rows, columns = (one.astype(float) for one in np.nonzero(found.common))
+    x, y, w = truth @ np.stack([columns, rows, np.ones_like(rows)])
+    right, down = found.at(columns, rows)
+    return math.sqrt(float(np.mean((right - x / w) ** 2 + (down - y / w) ** 2)))
+
+
+PERSPECTIVE = turned(10) @ np.array([[1, 0.01, 0], [0, 1.02, 0], [5e-5, -4e-5, 1.0]])
+
+
+@cases(
+    "place, model",
+    {
+        "by whole pixels": (shift(12, -7), "rigid"),
+        "by parts of a pixel": (shift(0.3, 0.62), "rigid"),
+        "turned a little": (turned(1.3), "rigid"),
+        "turned": (turned(-57) @ shift(10, 5), "rigid"),
+        "upside down": (turned(180) @ shift(-4, 9), "rigid"),
+        "enlarged": (turned(25, 1.3), "similarity"),
+        "seen at an angle": (PERSPECTIVE, "homography"),
+        "half of the field": (shift(120, 3), "rigid"),
+    },
+)
+@pytest.mark.parametrize("paint", [True, False], ids=["paint", "bare"])
+def test_a_placement_is_found(place: Float64, model: PlaneModel, paint: bool) -> None:
+    first, second = field_at(np.eye(3), paint=paint), field_at(place, paint=paint)
+    found = register_fields(first, second, model=model)
+    # A perspective view also has other slopes.
+    most = 0.05 if model == "homography" else 0.02
+    error = error_px(found, np.linalg.inv(place))
+    assert error < most
+    assert found.sigma_px < 0.02
+    if model != "homography":
+        assert error < 5 * found.sigma_px
+        back = found.resampled(second).normal_map
+        both = back.mask & found.common
+        assert angle_deg(back.normals[both], first.normal_map.normals[both]).mean() < 0.35
+        assert found.holds[found.common].all()
+
+
+def test_a_tilt_turns_the_normals() -> None:
+    first = field_at(np.eye(3))
+    angle = math.radians(2)
+    c, s = math.cos(angle), math.sin(angle)
+    tilt = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+    other = field_at(turned(30))
+    vectors = other.normal_map.normals @ tilt.T
+    second = replace(other, normal_map=NormalMap.from_vectors(vectors))
+    found = register_fields(first, second, model="rigid")
+    about_z = np.array([[0.5 * math.sqrt(3), -0.5, 0], [0.5, 0.5 * math.sqrt(3), 0], [0, 0, 1]])
+    assert np.abs(found.rotation - tilt @ about_z).max() < math.radians(0.1)
+    assert abs(found.turn_deg - 30) < 0.1
+
+
+def test_where_a_registration_does_not_hold() -> None:
+    first, second, foreign = field_at(np.eye(3)), field_at(shift(3, 2)), field_at(turned(0), seed=5)
+    normals = second.normal_map.normals.copy()
+    normals[64:136, 64:136] = foreign.normal_map.normals[64:136, 64:136]
+    found = register_fields(first, replace(second, normal_map=NormalMap.from_vectors(normals)))
+    assert not found.holds[70:126, 70:126].any()
+    assert found.holds[found.common].mean() > 0.8
+    assert error_px(found, shift(-3, -2)) < 0.02
+
+
+def mirrored(field: Field) -> Field:
+    normals = field.normal_map.normals[:, ::-1] * np.float32([-1, 1, 1])
+    return Field(NormalMap.from_vectors(normals), field.albedo[:, ::-1].copy())  # type: ignore[index]
+
+
+@cases(
+    "second, message",
+    {
+        "another object": (field_at(np.eye(3), seed=9), "nothing in common"),
+        "beside it": (field_at(shift(500, 0)), "nothing in common"),
+        "mirrored": (mirrored(field_at(np.eye(3))), "one of the two fields is mirrored"),
+        "only noise": (field_at(shift(5, 5), noise_deg=80, paint=False), "nothing in common"),
+    },
+)
+def test_fields_that_do_not_fit(second: Field, message: str) -> None:
+    with pytest.raises(EstimateError, match=message):
+        register_fields(field_at(np.eye(3)), second)
+
+
+def test_a_start_far_away() -> None:
+    with pytest.raises(EstimateError, match="too little in common"):
+        register_fields(field_at(np.eye(3)), field_at(shift(5, 5)), start=shift(180, 150))
+
+
+def test_maps_of_other_shape() -> None:
+    field = field_at(np.eye(3))
+    with pytest.raises(DataError, match=r"albedo has shape \(2, 3\)"):
+        replace(field, albedo=np.ones((2, 3), np.float32))
