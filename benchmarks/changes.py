@@ -14,7 +14,7 @@ from __future__ import annotations
 import pickle
 from collections import defaultdict
 from dataclasses import dataclass
-from itertools import combinations, pairwise
+from itertools import chain, combinations, pairwise
 from pathlib import Path
 
 import cv2
@@ -151,7 +151,7 @@ def main() -> None:
     table = Table(options.out)
     blank = {"false alarms": "", "found": "", "depth within k=2": "", "width within k=2": ""}
     blank |= {"depth um": "", "width px": "", "mean um": "", "mean sigma um": ""}
-    for name, counts in (*alarms.items(), ("all", sum(alarms.values(), []))):
+    for name, counts in (*alarms.items(), ("all", [*chain(*alarms.values())])):
         row = {"what": f"unchanged, {name}", "maps": str(len(counts))} | blank
         table.add(row | {"false alarms": f"{np.mean(np.array(counts) > 0):.3f}"})
     row = {"what": "changed, elsewhere", "maps": str(len(seen[_KINDS[-1]]) // 2)} | blank

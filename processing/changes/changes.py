@@ -33,13 +33,11 @@ _BLUR_SPREAD: Final = 0.25
 # Finer pixels on which widths are measured.
 _FINER: Final = 4
 # A narrow change is at least this share of the blur wide.
-_NARROWEST: Final = 0.15
-# Relative deviation of a width by the profile.
+_NARROWEST: Final = 0.2
+# Relative deviation of width and height by the profile.
 _PROFILE: Final = 0.05
 # Cross-sections within this distance in pixels are averaged.
 _STRETCH: Final = 8
-# Height of a round change over the mean of its middle: 1 if it is level, 1.09 for a Gaussian.
-_OF_MIDDLE: Final = 1.04
 # Length over width of a scratch, which is blurred across only.
 _LONG: Final = 2.0
 
@@ -358,9 +356,9 @@ class _Size:
         length = 4 * math.sqrt(float(spread[1]))
         width = 4 * area / (math.pi * length)
         # The mean of its middle, because the largest value is one with a large error.
-        row, column = np.indices(values.shape)
-        middle = (row - place[0]) ** 2 + (column - place[1]) ** 2 <= (width / 4) ** 2
-        return cls(_OF_MIDDLE * float(values[middle].mean()), area, length, width)
+        down, right = np.indices(values.shape)
+        middle = (down - place[0]) ** 2 + (right - place[1]) ** 2 <= (width / 4) ** 2
+        return cls(float(values[middle].mean()), area, length, width)
 
     def sharpened(self, blur_px: float, sigma: float) -> _Sharp:
         """Return height and width without the blur, from a height with a standard deviation.
@@ -369,24 +367,20 @@ class _Size:
         most width, and a wide level one neither; profiles in between are within 2 deviations.
         """
         dimensions = 1 if self.length > _LONG * self.width else 2
-
-        def width_of(blur: float) -> float:
-            return math.sqrt(max(self.width**2 - blur**2, (_NARROWEST * blur) ** 2))
-
-        width, wider = (width_of(FWHM * blur_px * part) for part in (1, 1 - _BLUR_SPREAD))
         relative = sigma / abs(self.height)
+        blur = FWHM * blur_px
+
+        def narrowed(width: float, blur: float) -> float:
+            return math.sqrt(max(width**2 - blur**2, (_NARROWEST * blur) ** 2))
+
         # A width that is not above that of the blur surely may be any smaller one.
-        least = self.width * max(1 - relative / 2, 0)
-        lost = self.width**2 - least**2
-        sharpest, sharper = (
-            width_of(math.sqrt((FWHM * blur_px * part) ** 2 + lost))
-            for part in (1, 1 - _BLUR_SPREAD)
-        )
-        most, less = ((self.width / of) ** dimensions for of in (sharpest, sharper))
+        least = narrowed(self.width * max(1 - relative / 2, 0), (1 + _BLUR_SPREAD) * blur)
+        most = (self.width / least) ** dimensions
+        width, wider = narrowed(self.width, blur), narrowed(self.width, (1 - _BLUR_SPREAD) * blur)
         factor = (1 + most) / 2
         return _Sharp(
             factor * self.height,
-            abs(self.height) * math.hypot(factor * relative, (most - 1) / 4, (most - less) / 2),
+            abs(self.height) * math.hypot(factor * relative, (most - 1) / 4, _PROFILE),
             (self.width + width) / 2,
             math.hypot(
                 self.width * relative,
@@ -399,16 +393,18 @@ class _Size:
 
 def _across(values: Float32, place: tuple[int, int], height: float) -> tuple[float, float]:
     """Return height and width of a scratch: of the mean of its cross-sections near a place."""
-    row, column = np.indices(values.shape)
-    down, right = row - place[0], column - place[1]
-    relative = values / height
+    rows, columns = np.indices(values.shape)
+    down, right = rows - place[0], columns - place[1]
+    relative = np.asarray(values / height, np.float32)
     near = (down**2 + right**2 <= _STRETCH**2) & (relative > 0.5)
     spread = np.cov(np.stack([right[near], down[near]]), aweights=relative[near])
     along, across = np.linalg.eigh(spread)[1].T[::-1]
     v = np.arange(-4 * _STRETCH, 4 * _STRETCH + 1) / 4
     u = np.arange(-_STRETCH, _STRETCH + 1)
-    at = [place[k] + across[1 - k] * v[:, None] + along[1 - k] * u for k in (1, 0)]
-    sampled = cv2.remap(relative, *(np.float32(of) for of in at), cv2.INTER_CUBIC)
+    x, y = (
+        (place[1 - k] + across[k] * v[:, None] + along[k] * u).astype(np.float32) for k in (0, 1)
+    )
+    sampled = np.asarray(cv2.remap(relative, x, y, cv2.INTER_CUBIC))
     mean = sampled[:, np.abs(sampled).max(axis=0) > 0.5].mean(axis=1)
     peak = int(np.argmax(np.where(np.abs(v) <= 2, mean, 0)))
     beside = mean < mean[peak] / 2

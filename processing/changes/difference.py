@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -11,7 +12,7 @@ from scipy.optimize import nnls
 
 from processing.registration.field import Field
 from rig import short_repr
-from rig.arrays import Bool, Float32, Float64
+from rig.arrays import Bool, Float32, Float64, Floating
 
 # Side of a block of pixels, and the standard deviation, in blocks, of the window around it.
 BLOCK: Final = 16
@@ -152,22 +153,30 @@ def _slopes(field: Field) -> _Slopes:
 
 def _derivatives(values: Float32) -> tuple[Float32, Float32, Float32]:
     """Return derivatives along columns and rows, and the Laplacian."""
-    smooth = cv2.GaussianBlur(values.astype(np.float32), (0, 0), 0.7)
-    along = np.float32([[-0.5, 0, 0.5]])
-    column, row = cv2.filter2D(smooth, -1, along), cv2.filter2D(smooth, -1, along.T)
-    return column, row, cv2.Laplacian(smooth, cv2.CV_32F)
+    smooth = np.asarray(cv2.GaussianBlur(values.astype(np.float32), (0, 0), 0.7), np.float32)
+    along = np.array([[-0.5, 0, 0.5]])
+    found = (
+        cv2.filter2D(smooth, -1, along),
+        cv2.filter2D(smooth, -1, along.T),
+        cv2.Laplacian(smooth, cv2.CV_32F),
+    )
+    column, row, bend = (np.asarray(of, np.float32) for of in found)
+    return column, row, bend
 
 
 def _edges(*bends: tuple[Float32, Float32, Float32]) -> list[Float32]:
     """Return squares of first and second derivatives, where shifts and resampling leave errors."""
     first = sum(column**2 + row**2 for column, row, _ in bends) / len(bends)
     second = sum(laplacian**2 for *_, laplacian in bends) / len(bends)
-    return [cv2.GaussianBlur(np.asarray(of, np.float32), (0, 0), 1.0) for of in (first, second)]
+    return [
+        np.asarray(cv2.GaussianBlur(np.asarray(of, np.float32), (0, 0), 1.0), np.float32)
+        for of in (first, second)
+    ]
 
 
 def _without(
     values: Float32,
-    regressors: list[tuple[tuple[Float32, ...], float]],
+    regressors: Sequence[tuple[tuple[Float32, ...], float]],
     parts: list[Float32],
     known: Bool,
 ) -> tuple[Float32, Float32]:
@@ -185,7 +194,7 @@ def _without(
         left = np.where(known, values - fitted, 0).astype(np.float32)
         square = np.mean(np.square(left), axis=0)
         expected = _expected(square, parts, known)
-        robust = (_FREEDOM + 1) / (_FREEDOM + np.square(left) / expected)
+        robust = np.asarray((_FREEDOM + 1) / (_FREEDOM + np.square(left) / expected), np.float32)
     return left, np.asarray(np.where(known, 1 / expected, 0), np.float32)
 
 
@@ -237,16 +246,24 @@ def _fitted(
     normal = smooth[..., : count * count].reshape(rows, columns, count, count)
     normal = normal + np.diag(priors**-2)
     found = np.linalg.solve(normal, smooth[..., count * count :, None])[..., 0]
-    at_row = (np.arange(height) + 0.5) / BLOCK - 0.5
-    at_column = (np.arange(width) + 0.5) / BLOCK - 0.5
-    grid = [np.asarray(one, np.float32) for one in np.meshgrid(at_column, at_row)]
     fitted = np.zeros(values.shape, np.float32)
     for k, of in enumerate(regressors):
-        layer = np.ascontiguousarray(found[..., k], np.float32)
-        coefficient = cv2.remap(layer, *grid, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        coefficient = enlarged(found[..., k], (height, width), BLOCK)
         for channel in range(len(values)):
             fitted[channel] += coefficient * of[channel]
     return fitted
+
+
+def enlarged(values: Floating, shape: tuple[int, int], block: int) -> Float32:
+    """Return values of blocks ``(rows, columns)``, interpolated between their middles."""
+    rows, columns = (((np.arange(n) + 0.5) / block - 0.5).astype(np.float32) for n in shape)
+    made = cv2.remap(
+        np.ascontiguousarray(values, np.float32),
+        *np.meshgrid(columns, rows),
+        interpolation=cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    return np.asarray(made, np.float32)
 
 
 def _blocks(maps: Float32, rows: int, columns: int) -> Float32:

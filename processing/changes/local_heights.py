@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import cv2
@@ -87,7 +88,8 @@ def _nearest(regions: Int32) -> Int32:
     return np.where(regions > 0, regions, wide).astype(np.int32)
 
 
-class _System(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class _System:
     """Equations of the heights inside regions."""
 
     index: Intp
@@ -98,18 +100,21 @@ class _System(NamedTuple):
     @classmethod
     def of(cls, difference: Difference, regions: Int32) -> _System:
         inside = regions > 0
-        index = np.full(regions.shape, -1)
+        index = np.full(regions.shape, -1, np.intp)
         count = int(np.count_nonzero(inside))
         index[inside] = np.arange(count)
         steps = []
         for axis, slopes in ((1, difference.slopes[0]), (0, difference.slopes[1])):
             kernel = _STEP[None] if axis else _STEP[:, None]
-            step = cv2.filter2D(
-                slopes.astype(np.float64),
-                -1,
-                kernel,
-                anchor=(1, 0) if axis else (0, 1),
-                borderType=cv2.BORDER_REPLICATE,
+            step = np.asarray(
+                cv2.filter2D(
+                    slopes.astype(np.float64),
+                    -1,
+                    kernel,
+                    anchor=(1, 0) if axis else (0, 1),
+                    borderType=cv2.BORDER_REPLICATE,
+                ),
+                np.float64,
             )
             here = np.s_[:, :-1] if axis else np.s_[:-1]
             there = np.s_[:, 1:] if axis else np.s_[1:]

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from scipy.optimize import brentq
 
-from processing.changes.difference import Difference
+from processing.changes.difference import Difference, enlarged
 from rig.arrays import Bool, Float32, Float64
 
 # Standard deviations of the templates in pixels: of spots, and across lines.
@@ -131,16 +131,17 @@ def _correlated(values: Float32, across: Float64, down: Float64) -> Float32:
 
 def _line(scale: float, angle: float, sums: _Sums, weight: Float32) -> Response:
     """Return the response to a line of spots."""
-    added = _Sums(*(None if of is None else _added(of, angle) for of in sums))
+    found, power = (_added(of, angle) for of in (sums.found, sums.power))
+    control = None if sums.control is None else _added(sums.control, angle)
     # The squares of a sum are not the sum of squares.
     full, separate = (power_of(scale, of) for of in (angle, None))
-    power = added.power * np.float32(full / (_SPOTS * separate))
-    return _response(scale, angle, added._replace(power=power), weight, full)
+    power = power * np.float32(full / (_SPOTS * separate))
+    return _response(scale, angle, _Sums(found, control, power), weight, full)
 
 
 def _places() -> Float64:
     """Return the distances of the spots of a line from its middle."""
-    return _STEP_PX * (np.arange(_SPOTS) - (_SPOTS - 1) / 2)
+    return np.asarray(_STEP_PX * (np.arange(_SPOTS) - (_SPOTS - 1) / 2), np.float64)
 
 
 def template(scale: float, angle: float | None) -> tuple[Float64, Float64]:
@@ -189,12 +190,12 @@ def _response(
     # Half of a template at least is in the known part.
     known = (weight > 0) & (sums.power > 0.5 * full * weight)
     root = np.sqrt(np.where(known, sums.power, 1))
-    z = np.where(known, sums.found / root, 0)
+    z = np.asarray(np.where(known, sums.found / root, 0), np.float32)
     extent = scale if angle is None else math.sqrt(scale * _LINE_PX)
     factor = _local_scale(z, known, extent)
     control = None
     if sums.control is not None:
-        control = np.where(known, sums.control / root, 0)
+        control = np.asarray(np.where(known, sums.control / root, 0), np.float32)
         factor = np.maximum(factor, _local_scale(control, known, extent))
     factor *= _tail((z if control is None else control) / factor, known)
     if control is not None:
@@ -242,18 +243,10 @@ def _local_scale(z: Float32, known: Bool, extent: float) -> Float32:
     least = 0.5 * _SAMPLES**2
     variance = np.full((rows, columns), start + 1e-12)
     for _ in range(_ROUNDS):
-        bounded = np.minimum(square, _BOUND * _enlarged(variance, square.shape, _SAMPLES))
+        bounded = np.minimum(square, _BOUND * enlarged(variance, square.shape, _SAMPLES))
         sums = smooth(np.where(known_here, bounded, 0)) / _BOUNDED_MEAN
         variance = (sums + least * start) / (count + least)
-    return np.asarray(np.sqrt(_enlarged(variance, z.shape, side)), np.float32)
-
-
-def _enlarged(values: Float64, shape: tuple[int, ...], block: int) -> Float32:
-    rows, columns = (np.float32((np.arange(n) + 0.5) / block - 0.5) for n in shape)
-    grid = np.meshgrid(columns, rows)
-    return np.asarray(
-        cv2.remap(np.float32(values), *grid, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    )
+    return np.asarray(np.sqrt(enlarged(variance, z.shape, side)), np.float32)
 
 
 def threshold(area_px: float, false_alarm: float, *, albedo: bool) -> float:
@@ -269,6 +262,6 @@ def threshold(area_px: float, false_alarm: float, *, albedo: bool) -> float:
     def expected(level: float) -> float:
         density = level * (2 * math.pi) ** -1.5 * math.exp(-(level**2) / 2)
         above = math.erfc(level / math.sqrt(2)) / 2
-        return 2 * sum(of * density + above for of in cells)
+        return float(2 * sum(of * density + above for of in cells))
 
     return float(brentq(lambda level: expected(level) - false_alarm, 2.0, 20.0))
