@@ -178,6 +178,21 @@ def find_changes(
     DataError
         If sizes differ, a field has no error bars, nothing is in common, or the probability is out
         of range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import NormalMap
+    >>> from processing.changes import find_changes
+    >>> from processing.registration import Field
+    >>> noise = np.random.default_rng(1).normal(0, 0.003, (2, 200, 240, 3))
+    >>> noise[1, 100, 60:100, 1] += 0.03
+    >>> sigma_deg = np.full((200, 240), 0.3, np.float32)
+    >>> before, after = (
+    ...     Field(NormalMap.from_vectors(one + [0, 0, 1]), sigma_deg=sigma_deg) for one in noise
+    ... )
+    >>> len(find_changes(before, after).changes)
+    1
     """
     shape = before.mask.shape
     if after.mask.shape != shape:
@@ -191,8 +206,6 @@ def find_changes(
         raise DataError(f"a probability of {false_alarm:g} is not between 0 and 1")
     difference = field_difference(before, after, np.ones(shape, bool) if holds is None else holds)
     area = int(np.count_nonzero(difference.known))
-    if not area:
-        raise DataError("the fields have no pixel with error bars in common")
     with_albedo = difference.log_albedo is not None
     level = threshold(area, false_alarm, albedo=with_albedo)
     detection = DetectionLevels(blur_px)
@@ -398,7 +411,8 @@ def _across(values: Float32, place: tuple[int, int], height: float) -> tuple[flo
     relative = np.asarray(values / height, np.float32)
     near = (down**2 + right**2 <= _STRETCH**2) & (relative > 0.5)
     spread = np.cov(np.stack([right[near], down[near]]), aweights=relative[near])
-    along, across = np.linalg.eigh(spread)[1].T[::-1]
+    axes = np.linalg.eigh(spread).eigenvectors
+    along, across = axes[:, 1], axes[:, 0]
     v = np.arange(-4 * _STRETCH, 4 * _STRETCH + 1) / 4
     u = np.arange(-_STRETCH, _STRETCH + 1)
     x, y = (

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from scipy.optimize import nnls
 
+from acquisition import DataError
 from processing.registration.field import Field
 from rig import short_repr
 from rig.arrays import Bool, Float32, Float64, Floating
@@ -77,6 +78,11 @@ def field_difference(before: Field, after: Field, holds: Bool) -> Difference:
         Fields of one size.
     holds
         ``(H, W)`` bool, where their registration holds.
+
+    Raises
+    ------
+    DataError
+        If they have no pixel in common.
     """
     first, second = _slopes(before), _slopes(after)
     known = first.known & second.known & holds
@@ -84,6 +90,11 @@ def field_difference(before: Field, after: Field, holds: Bool) -> Difference:
         known.astype(np.uint8), np.ones((2 * _BORDER + 1,) * 2, np.uint8), borderValue=0
     )
     known = inner > 0
+    if not known.any():
+        raise DataError(
+            f"the fields have no pixel with error bars in common that is {_BORDER} pixels away "
+            "from the border"
+        )
     variance = first.variance + second.variance
     p, q = (np.where(known, (a + b) / 2, 0) for a, b in zip(first[:2], second[:2], strict=True))
     slopes = np.stack([second.column - first.column, second.row - first.row])
@@ -200,8 +211,6 @@ def _without(
 
 def _scale(values: Float32, variance: Float32, known: Bool) -> float:
     """Return the factor of the variances that the median of the values shows."""
-    if not known.any():
-        return 1.0
     square = np.square(values[:, known]) / variance[known]
     return float(np.median(square)) / 0.455 + 1e-12
 

@@ -14,7 +14,7 @@ import rig
 from processing.changes import Change, Changes
 from processing.registration import Field, Registration
 from rig.arrays import Float32
-from sgp.pictures import Panel, map_panel, normals_panel, signed_panel, write_overview
+from sgp.pictures import Crop, Panel, map_panel, normals_panel, signed_panel, write_overview
 from sgp.results import LevelMetrics, RegisteredMetrics, Result
 
 # For the heading of a table without changes.
@@ -128,8 +128,11 @@ def add_changes(
 
 def _panels(found: Changes, size: float, unit: str) -> list[Panel]:
     scale, name = (1000 * size, "um") if unit == "mm" else (size, "px")
+    changed = np.where(found.height == 0, np.float32(np.nan), scale * found.height)
     panels = [
-        signed_panel("change of height where significant", scale * found.height, name),
+        signed_panel(
+            "change of height where significant", changed, name, Crop.around(found.difference.known)
+        ),
         signed_panel("significance of changes of the surface", found.z, "sigma"),
     ]
     if found.albedo_z is not None:
@@ -171,7 +174,7 @@ def _lines(found: Changes, levels: list[LevelMetrics], size: float, unit: str) -
     for number, one in enumerate(found.changes[:_LISTED], 1):
         if one.kind == "surface":
             deviation = 2 * size * one.height_sigma_px
-            what = f"height {size * one.height_px:.2g} +- {deviation:.1g} {unit} (k = 2)"
+            what = f"height {size * one.height_px:.3g} +- {deviation:.2g} {unit} (k = 2)"
         else:
             what = f"albedo times {one.albedo_factor:.3f} +- {2 * one.albedo_sigma:.3f} (k = 2)"
         lines.append(
