@@ -18,9 +18,9 @@ BUDGET = {
     "rig": (4250, 48, 69),
     "acquisition": (15900, 66, 158),
     "calibration": (10240, 30, 87),
-    "processing": (22985, 61, 208),
+    "processing": (24500, 62, 220),
     "simulator": (9050, 28, 77),
-    "sgp": (16400, 0, 160),
+    "sgp": (16400, 0, 162),
 }
 WORDS_OF_DOCUMENTS = 60000
 # Numbers of calibration/spheres that were chosen, not derived.

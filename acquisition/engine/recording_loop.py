@@ -7,6 +7,7 @@ from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import closing
 from dataclasses import asdict, dataclass, fields
 from functools import partial
+from pathlib import Path
 from typing import Any, Final, cast
 
 from acquisition._errors import DataError, NotAcceptedError
@@ -20,7 +21,7 @@ from acquisition.plan.plan import CapturePlan
 from acquisition.plan.planned_shot import PlannedShot, ShotKey
 from acquisition.session.comparisons import USELESS, compared_repeats
 from acquisition.session.frame_proofs import CHECKING
-from acquisition.session.journal import COMPARED, Echo, FrameLine
+from acquisition.session.journal import ACCEPTED, COMPARED, Echo, FrameLine
 from acquisition.session.layout import WRITERS
 from acquisition.session.light_proof import BOARD, RIG, wrong_light
 from acquisition.session.session import Session
@@ -187,7 +188,7 @@ class Recording:
                 self._queue.drain()
                 self._watch.wait()
             self.collect()
-            self._ask()
+            self._ask(stop)
             if stop.asked and self._todo:
                 raise StoppedError(stop, "after a shot")
             try:
@@ -218,14 +219,18 @@ class Recording:
         self._report_damage()
         self._writer.proofs.check_undamaged()
 
-    def _ask(self) -> None:
+    def _ask(self, stop: StopRequest) -> None:
         """Ask whether to take further lights after what the repeats show."""
         while self._watch.findings:
             finding = self._watch.findings.pop(0)
             if self._todo.lights_left:
                 self._rig.off()
-                if not self._hooks.accept(finding):
+                accepted = self._hooks.accept(finding)
+                if stop.asked:
+                    return
+                if not accepted:
                     raise NotAcceptedError(finding)
+                self.event(ACCEPTED, file=Path(finding.where).name, code=finding.code)
 
     def compare_repeats(self) -> None:
         """Compare each repeat that was not compared yet with its light, and write the result.

@@ -86,7 +86,7 @@ def _colours(frame: LiveFrame, region: Region) -> UInt16:
     code = _BAYER.get(frame.cfa or "")
     if code is None or min(samples.shape) < 3:
         return samples
-    # At an odd corner the pattern is another one: take the even one, and cut afterwards.
+    # The pattern begins at even rows and columns: begin there, and cut afterwards.
     row, column = region.top % 2, region.left % 2
     even = Region(
         region.left - column, region.top - row, region.width + column, region.height + row

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 
 from acquisition._errors import DataError
 from acquisition.session.journal import (
+    ACCEPTED,
     CAMERA_SETTINGS,
     COMPACTED,
     COMPARED,
@@ -185,6 +186,7 @@ _SCHEMAS: Final[dict[str, tuple[type[BaseModel], int]]] = {
     "paused": (_fields(reason=str, waiting=_Count), 3),
     "resumed": (_fields(seconds=_Seconds), 3),
     COMPARED: (_Compared, 5),
+    ACCEPTED: (_fields(file=FrameName, code=str), 6),
     "device_lost": (_fields(device=_Device, reason=str), 3),
     "device_returned": (_fields(device=_Device, seconds=_Seconds), 3),
     "not_sequenced": (_fields(reason=str), 3),

@@ -35,6 +35,8 @@ GENESIS = "0" * 64
 CAMERA_SETTINGS = "camera_settings"
 # Comparison of two frames of the same light.
 COMPARED = "compared"
+# A finding of such a comparison after which the recording continued.
+ACCEPTED = "accepted"
 # Events that readers act on.
 COMPACTED = "compacted"
 LEFT_OUT = "left_out"

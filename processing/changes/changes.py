@@ -36,6 +36,8 @@ _FINER: Final = 4
 _NARROWEST: Final = 0.2
 # Relative deviation of width and height by the profile.
 _PROFILE: Final = 0.05
+# Fewest pixels that have a direction.
+_FEWEST: Final = 4
 # Cross-sections within this distance in pixels are averaged.
 _STRETCH: Final = 8
 # Length over width of a scratch, which is blurred across only.
@@ -358,7 +360,7 @@ class _Size:
         here = numbers[row : row + _FINER, column : column + _FINER]
         rows, columns = np.nonzero(numbers == (here.max() or 1))
         area = len(rows) / _FINER**2
-        if len(rows) < 3:
+        if len(rows) < _FEWEST:
             return cls(height, 1.0, 1.0, 1.0)
         spread = np.linalg.eigvalsh(np.cov(np.stack([rows, columns]) / _FINER))
         # Of a rectangle, and of an ellipse.
@@ -407,9 +409,11 @@ class _Size:
 def _across(values: Float32, place: tuple[int, int], height: float) -> tuple[float, float]:
     """Return height and width of a scratch: of the mean of its cross-sections near a place."""
     rows, columns = np.indices(values.shape)
-    down, right = rows - place[0], columns - place[1]
+    down, right = np.asarray(rows - place[0]), np.asarray(columns - place[1])
     relative = np.asarray(values / height, np.float32)
     near = (down**2 + right**2 <= _STRETCH**2) & (relative > 0.5)
+    if np.count_nonzero(near) < _FEWEST:
+        return height, 1.0
     spread = np.cov(np.stack([right[near], down[near]]), aweights=relative[near])
     axes = np.linalg.eigh(spread).eigenvectors
     along, across = axes[:, 1], axes[:, 0]

@@ -18,8 +18,8 @@ _MOST_FEATURES: Final = 4000
 # Lowe's ratio (2004) of the distances to the best and to the second match.
 _RATIO: Final = 0.8
 _NEAR_PX: Final = 3.0
-# Features as they appear by chance: of random matches, a few agree on a placement.
-FEWEST_MATCHES: Final = 8
+# Of unrelated fields, up to 3 agree.
+FEWEST_MATCHES: Final = 10
 
 
 class FeatureMatch(NamedTuple):

@@ -15,27 +15,26 @@ from processing.maps.normal_map import NormalMap
 from processing.registration.feature_matches import FEWEST_MATCHES, features_of, match
 from processing.registration.field import Field, fine, reduced
 from processing.registration.placement_fit import (
+    INTERPOLATION_PX,
     SMOOTH_PX,
+    Comparison,
     PlacementFit,
     Target,
     fit_placement,
 )
 from processing.registration.plane_transform import PlaneModel, transformed, turn_of
+from processing.registration.residual_drift import Drift, fit_drift
 from rig import short_repr
 from rig.arrays import Bool, Float32, Float64
 
 # Smallest image along a side in which features are searched, and in which a placement is fitted.
 _FEWEST_PX: Final = 60
-# Correlation of fine structure in units of its deviation between unrelated fields: chance is 3.
-_LEAST_SIGNIFICANCE: Final = 6.0
 # Size of the tiles that show where the registration holds; the fewest known pixels of one.
 _TILE_PX: Final = 64
 _FEWEST_KNOWN: Final = 0.25
 _SIMILAR: Final = 0.5
 _FEWEST_COMMON: Final = 2000
 _MOST_POSITIONS: Final = 10_000
-# Error of positions without noise.
-_INTERPOLATION_PX: Final = 0.0005
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +59,9 @@ class Registration:
         ``(H, W)`` bool, the pixels of the first field that the second shows.
     holds
         ``(H, W)`` bool, those of them around which the fine structure of both is alike or absent.
+    drift
+        Smooth shifts in addition to the matrix, such as the parallax of a relief; None if they are
+        not significant.
     """
 
     matrix: Float64
@@ -69,6 +71,7 @@ class Registration:
     correlation: float
     common: Bool
     holds: Bool
+    drift: Drift | None = None
 
     __repr__ = short_repr
 
@@ -80,6 +83,9 @@ class Registration:
 
     def at(self, columns: Float64, rows: Float64) -> tuple[Float64, Float64]:
         """Return columns and rows in the second field of positions in the first."""
+        if self.drift is not None:
+            right, down = self.drift.at(columns, rows)
+            columns, rows = columns + right, rows + down
         return transformed(self.matrix, columns, rows)
 
     def resampled(self, second: Field) -> Field:
@@ -163,12 +169,13 @@ def register_fields(
     matrix = _by_features(first, second, model) if start is None else np.array(start, np.float64)
     if model == "rigid":
         matrix[:2, :2] /= math.sqrt(abs(np.linalg.det(matrix[:2, :2])))
-    fit = _coarse_to_fine(first, second, matrix, model)
-    if fit is None or fit.correlation * math.sqrt(fit.independent) < _LEAST_SIGNIFICANCE:
+    made = _coarse_to_fine(first, second, matrix, model)
+    if made is None or not made[0].credible:
         raise EstimateError(
             "the two fields have too little in common: their fine structure differs where they "
             "overlap"
         )
+    fit, drift = made
     common = _common(first, second, fit.matrix)
     if np.count_nonzero(common) < _FEWEST_COMMON:
         raise EstimateError(
@@ -185,10 +192,15 @@ def register_fields(
         fit.matrix,
         in_plane,
         fit.covariance,
-        math.hypot(math.sqrt(float(np.square(sigma).mean())), _INTERPOLATION_PX),
+        math.sqrt(
+            float(np.square(sigma).mean())
+            + INTERPOLATION_PX**2
+            + (0 if drift is None else drift.sigma_px**2)
+        ),
         fit.correlation,
         common,
         common,
+        drift,
     )
     there = plain.resampled(second)
     tilted = replace(plain, rotation=in_plane @ _tilt(first, there))
@@ -221,28 +233,27 @@ def _by_features(first: Field, second: Field, model: PlaneModel) -> Float64:
 
 def _coarse_to_fine(
     first: Field, second: Field, matrix: Float64, model: PlaneModel
-) -> PlacementFit | None:
-    """Fit the placement in reduced images, and then in the images."""
+) -> tuple[PlacementFit, Drift | None] | None:
+    """Fit the placement in reduced images and then in the images, and what it leaves."""
     smallest = min(first.mask.shape + second.mask.shape)
     size = 4
     while size > 1 and smallest / size < _FEWEST_PX:
         size //= 2
-    fit = None
-    while size >= 1:
+    while True:
         middle = (size - 1) / 2
         enlarge = np.array([[size, 0, middle], [0, size, middle], [0, 0, 1.0]])
         shrink = np.linalg.inv(enlarge)
         target = Target(reduced(second.structure, size))
-        found = fit_placement(
-            reduced(first.structure, size), target, shrink @ matrix @ enlarge, model
-        )
-        if found is not None:
-            fit = found
+        start = shrink @ matrix @ enlarge
+        compared = Comparison.of(reduced(first.structure, size), target, start)
+        fit = None if compared is None else fit_placement(compared, target, start, model)
+        if fit is not None:
             matrix = enlarge @ fit.matrix @ shrink
-        elif size == 1:
-            return None
+        if size == 1:
+            if compared is None or fit is None:
+                return None
+            return fit, fit_drift(compared, target, fit, first.mask.shape)
         size //= 2
-    return fit
 
 
 def _common(first: Field, second: Field, matrix: Float64) -> Bool:
@@ -284,7 +295,7 @@ def _rotation(tilt: Float64) -> Float64:
 
 
 def _alike(first: Field, there: Field) -> Bool:
-    """Return where the fine structure of both fields is alike or too weak to tell, by tiles."""
+    """Return where the fine structure of both fields is alike or too weak to judge, by tiles."""
     height, width = first.mask.shape
     both = np.isfinite(first.structure).all(axis=0) & np.isfinite(there.structure).all(axis=0)
     count = min(len(first.structure), len(there.structure))

@@ -30,13 +30,19 @@ SMOOTH_PX: Final = 4.0
 _BORDER_PX: Final = 4
 # Pixels that are compared: those with most structure in each part of the common area.
 _MOST_PIXELS: Final = 60_000
-_FEWEST_PIXELS: Final = 500
+FEWEST_PIXELS: Final = 500
 _PARTS: Final = 8
 _TUNING: Final = 2.0
 _STEPS: Final = 12
 _LONGEST_STEP_PX: Final = 2.0
 _SETTLED_PX: Final = 0.0005
+# Correlation of fine structure in units of its deviation between unrelated fields: chance is 3.
+_LEAST_SIGNIFICANCE: Final = 6.0
+# Error of positions without noise.
+INTERPOLATION_PX: Final = 0.0005
 _RIDGE: Final = 1e-6
+# Least residual relative to the structure.
+_EXACT: Final = 1e-4
 # Larger values count as this many deviations in the correlation.
 _STRONG: Final = 4.0
 
@@ -70,6 +76,11 @@ class PlacementFit:
     correlation: float
     independent: float
 
+    @property
+    def credible(self) -> bool:
+        """Whether the correlation is larger than between unrelated fields."""
+        return self.correlation * math.sqrt(self.independent) > _LEAST_SIGNIFICANCE
+
     def sigma_px(self, x: Float64, y: Float64) -> Float64:
         """Return standard deviations ``(P,)`` of positions, both axes together."""
         flow = velocities(
@@ -86,10 +97,9 @@ class Target:
         self._splines = [spline_filter(one, order=3, output=np.float32) for one in made]
         self._known = _inner(structure).astype(np.float32)
 
-    def at(self, matrix: Float64, x: Float64, y: Float64) -> tuple[Float64, Bool]:
-        """Return values ``(C, P)`` at transformed positions, and which of them are known."""
-        right, down = transformed(matrix, x, y)
-        where = np.stack([down, right])
+    def at(self, x: Float64, y: Float64) -> tuple[Float64, Bool]:
+        """Return values ``(C, P)`` at positions, and which of them are known."""
+        where = np.stack([y, x])
         values = np.stack(
             [
                 map_coordinates(one, where, order=3, prefilter=False, mode="mirror")
@@ -99,44 +109,83 @@ class Target:
         return values.astype(np.float64), map_coordinates(self._known, where, order=1) > 0.999
 
 
-def fit_placement(
-    first: Float32, target: Target, start: Float64, model: PlaneModel
-) -> PlacementFit | None:
-    """Fit a placement of a structure ``(C, H, W)`` and a target from a start.
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Pixels ``(P,)`` of the first structure that are compared, with their values.
 
-    Returns None if they have too little in common.
+    Parameters
+    ----------
+    x, y
+        Their positions.
+    seen, right, down
+        ``(C, P)`` fine structure, and its changes right and down.
+    scales
+        ``(C, 1)`` usual size of the fine structure.
+    area
+        Number of pixels in common, of which these have most structure.
     """
-    structure = fine(first, SMOOTH_PX)
-    rows, columns = np.nonzero(_inner(first))
-    common = target.at(start, np.asarray(columns, float), np.asarray(rows, float))[1]
-    area = int(np.count_nonzero(common))
-    if area < _FEWEST_PIXELS:
-        return None
-    rows, columns = rows[common], columns[common]
-    middle = np.array([columns.mean(), rows.mean()])
-    half = math.sqrt(float(columns.var() + rows.var()))
-    # Changes right and down by central differences.
-    right = (structure[:, rows, columns + 1] - structure[:, rows, columns - 1]).astype(float) / 2
-    down = (structure[:, rows + 1, columns] - structure[:, rows - 1, columns]).astype(float) / 2
-    seen = structure[:, rows, columns].astype(float)
-    scales = 1.4826 * np.median(np.abs(seen), axis=1, keepdims=True) + 1e-12
-    parts = _parts((columns - middle[0]) / half, (rows - middle[1]) / half)
-    chosen = _strongest(((right**2 + down**2) / scales**2).sum(axis=0), parts)
-    x, y = np.asarray(columns[chosen], float), np.asarray(rows[chosen], float)
-    seen, parts = seen[:, chosen], parts[chosen]
+
+    x: Float64
+    y: Float64
+    seen: Float64
+    right: Float64
+    down: Float64
+    scales: Float64
+    area: int
+
+    @classmethod
+    def of(cls, first: Float32, target: Target, start: Float64) -> Comparison | None:
+        """Choose pixels of a structure ``(C, H, W)``; None if too few are in common."""
+        structure = fine(first, SMOOTH_PX)
+        rows, columns = np.nonzero(_inner(first))
+        common = target.at(*transformed(start, columns.astype(float), rows.astype(float)))[1]
+        area = int(np.count_nonzero(common))
+        if area < FEWEST_PIXELS:
+            return None
+        rows, columns = rows[common], columns[common]
+        seen = structure[:, rows, columns].astype(float)
+        scales = 1.4826 * np.median(np.abs(seen), axis=1, keepdims=True) + 1e-12
+        # By central differences.
+        right = (structure[:, rows, columns + 1] - structure[:, rows, columns - 1]) / 2.0
+        down = (structure[:, rows + 1, columns] - structure[:, rows - 1, columns]) / 2.0
+        x, y = np.asarray(columns, float), np.asarray(rows, float)
+        chosen = _strongest(((right**2 + down**2) / scales**2).sum(axis=0), y, x)
+        return cls(
+            x[chosen],
+            y[chosen],
+            seen[:, chosen],
+            np.asarray(right[:, chosen], float),
+            np.asarray(down[:, chosen], float),
+            scales,
+            area,
+        )
+
+    def weights(self, residual: Float64, usable: Bool) -> Float64:
+        """Return reciprocal variances of residuals ``(C, P)``, robustly."""
+        noise = 1.4826 * np.median(np.abs(residual[:, usable]), axis=1, keepdims=True)
+        noise = noise + _EXACT * self.scales
+        return np.asarray(usable / (1 + (residual / noise / _TUNING) ** 2) / noise**2)
+
+
+def fit_placement(
+    compared: Comparison, target: Target, start: Float64, model: PlaneModel
+) -> PlacementFit | None:
+    """Fit a placement from a start; None if too few pixels stay in common."""
+    x, y = compared.x, compared.y
+    middle = np.array([x.mean(), y.mean()])
+    half = math.sqrt(float(x.var() + y.var()))
     flow = velocities(model, (x - middle[0]) / half, (y - middle[1]) / half)
     # By each parameter, in pixels at the radius of the area: (C, P, K).
-    jacobian = np.stack([right[:, chosen] * one[0] + down[:, chosen] * one[1] for one in flow], 2)
+    jacobian = np.stack([compared.right * one[0] + compared.down * one[1] for one in flow], 2)
     frame = np.array([[1, 0, -middle[0]], [0, 1, -middle[1]], [0, 0, half]]) / half
     unframe, matrix = np.linalg.inv(frame), start
     for _ in range(_STEPS):
-        values, usable = target.at(matrix, x, y)
-        if np.count_nonzero(usable) < _FEWEST_PIXELS:
+        values, usable = target.at(*transformed(matrix, x, y))
+        if np.count_nonzero(usable) < FEWEST_PIXELS:
             return None
         values = turned_back(values, turn_of(matrix, *middle))
-        residual = values - seen
-        noise = 1.4826 * np.median(np.abs(residual[:, usable]), axis=1, keepdims=True) + 1e-12
-        weights = usable / (1 + (residual / noise / _TUNING) ** 2) / noise**2
+        residual = values - compared.seen
+        weights = compared.weights(residual, usable)
         hessian = np.einsum("cpk,cp,cpl->kl", jacobian, weights, jacobian)
         hessian += _RIDGE * np.trace(hessian) / len(hessian) * np.eye(len(hessian))
         scores = (jacobian * (weights * residual)[..., None]).sum(axis=0)
@@ -147,13 +196,21 @@ def fit_placement(
         matrix = matrix / matrix[2, 2]
         if largest < _SETTLED_PX:
             break
-    both = np.clip(np.stack([values, seen])[:, :, usable] / scales, -_STRONG, _STRONG)
+    both = np.stack([values, compared.seen])[:, :, usable] / compared.scales
+    both = np.clip(both, -_STRONG, _STRONG)
     power = np.square(both).sum(axis=(1, 2)) + 1e-30
-    independent = area * np.count_nonzero(usable) / len(x) / (math.pi * SMOOTH_PX**2)
+    independent = compared.area * np.count_nonzero(usable) / len(x) / (math.pi * SMOOTH_PX**2)
+    parts = _parts(y, x)
+    of_parts = np.zeros((_PARTS**2, len(hessian)))
+    np.add.at(of_parts, parts, scores)
+    used = of_parts[np.bincount(parts, minlength=_PARTS**2) > 0]
+    scatter = used - used.mean(axis=0)
+    inverse = np.linalg.inv(hessian)
+    between = scatter.T @ scatter * len(used) / max(1, len(used) - 1)
     return PlacementFit(
         matrix,
         model,
-        _covariance(hessian, scores, parts),
+        inverse @ between @ inverse,
         middle,
         half,
         float((both[0] * both[1]).sum() / np.sqrt(power.prod())),
@@ -178,26 +235,20 @@ def turned_back(values: Float64, turn: float) -> Float64:
     return made
 
 
-def _covariance(hessian: Float64, scores: Float64, parts: Intp) -> Float64:
-    """Return the covariance of the parameters from the scatter of scores between parts."""
-    of_parts = np.zeros((_PARTS**2, len(hessian)))
-    np.add.at(of_parts, parts, scores)
-    used = of_parts[np.abs(of_parts).sum(axis=1) > 0]
-    scatter = used - used.mean(axis=0)
-    inverse = np.linalg.inv(hessian)
-    return np.asarray(inverse @ (scatter.T @ scatter * len(used) / max(1, len(used) - 1)) @ inverse)
+def _parts(rows: Float64, columns: Float64) -> Intp:
+    """Return the number of the part of the common area in which pixels are."""
+    cells = []
+    for one in (rows, columns):
+        low, high = float(one.min()), float(one.max()) + 1
+        cells.append(((one - low) / (high - low) * _PARTS).astype(np.intp))
+    return np.asarray(cells[0] * _PARTS + cells[1])
 
 
-def _parts(u: Float64, v: Float64) -> Intp:
-    """Return the number of the part of the common area in which points are."""
-    cell = [np.clip((one + 2) / 4 * _PARTS, 0, _PARTS - 1).astype(np.intp) for one in (u, v)]
-    return np.asarray(cell[1] * _PARTS + cell[0])
-
-
-def _strongest(energy: Float64, parts: Intp) -> Intp:
+def _strongest(energy: Float64, rows: Float64, columns: Float64) -> Intp:
     """Return the pixels with most structure of each part."""
     if len(energy) <= _MOST_PIXELS:
         return np.arange(len(energy))
+    parts = _parts(rows, columns)
     each = _MOST_PIXELS // len(np.unique(parts))
     order = np.lexsort((-energy, parts))
     rank = np.arange(len(energy)) - np.searchsorted(parts[order], parts[order])

@@ -24,7 +24,6 @@ from sgp.rigs import chosen_rig
 from sgp.sessions import (
     Acceptance,
     Accepted,
-    Audience,
     Events,
     EventStream,
     MeterOptions,
@@ -94,7 +93,7 @@ def run(
     events
         Print one JSON line per event to stdout, and ask nothing.
     """
-    audience = EventStream() if events else Audience()
+    accepting = Acceptance(accept, EventStream() if events else None)
     rig_name = chosen_rig(rig)
     check_folder(out)
     goal, order = metering.goal(), Order.read(rig_name, rig, stored)
@@ -112,8 +111,7 @@ def run(
             order.labels(object_name, notes),
             goal=goal,
             skip_check=skip_check,
-            accepting=Acceptance(accept, audience),
-            audience=audience,
+            accepting=accepting,
         )
 
 
@@ -164,7 +162,7 @@ def resume(
     events
         Print one JSON line per event to stdout, and ask nothing.
     """
-    audience = EventStream() if events else Audience()
+    accepting = Acceptance(accept, EventStream() if events else None)
     rig_name = chosen_rig(rig)
     asked = None if plan is None else acquisition.read_plan(plan)
     again = ResumeCommand(session, rig_name, skip_check)
@@ -188,8 +186,7 @@ def resume(
             again,
             asked=asked,
             damaged=damaged,
-            accepting=Acceptance(accept, audience),
-            audience=audience,
+            accepting=accepting,
         )
 
 

@@ -104,6 +104,7 @@ def _terminal(station: Station, plan: acquisition.CapturePlan) -> AbstractContex
 @contextmanager
 def _page(station: Station, screen: Screen, port: int, no_open: bool) -> Iterator[None]:
     try:
+        from sgp.screen.access import private_link
         from sgp.screen.server import ScreenServer
     except ModuleNotFoundError as error:
         missing = (error.name or "").partition(".")[0]
@@ -113,8 +114,11 @@ def _page(station: Station, screen: Screen, port: int, no_open: bool) -> Iterato
             f"the page needs the extra `screen` ({missing} is missing): install "
             "surface-geometry-processing[screen], or use --terminal"
         ) from error
-    with ScreenServer(station, screen.perform, screen.picture, port=port) as server:
+    with (
+        ScreenServer(station, screen.perform, screen.picture, port=port) as server,
+        private_link(server.address) as link,
+    ):
         note(f"page: {server.address}")
         if not no_open:
-            webbrowser.open(server.address)
+            webbrowser.open(link)
         yield

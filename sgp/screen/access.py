@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import hmac
 import json
-from collections.abc import Awaitable, Callable, MutableMapping
+import tempfile
+from collections.abc import Awaitable, Callable, Iterator, MutableMapping
+from contextlib import contextmanager
 from http import HTTPStatus
+from pathlib import Path
 from typing import Any, Final
 
 Scope = MutableMapping[str, Any]
@@ -81,7 +84,11 @@ class Access:
             return 421
         if any(origin != b"http://" + hosts[0] for origin in headers.get(b"origin", [])):
             return 403
-        if headers.get(b"sec-fetch-site", [b"same-origin"])[0] not in (b"same-origin", b"none"):
+        site = headers.get(b"sec-fetch-site", [b"same-origin"])[0]
+        # A link elsewhere, such as that of `private_link`, may only lead to the page itself.
+        page = scope["path"].split("/")[2:] == [""]
+        linked = page and headers.get(b"sec-fetch-dest") == [b"document"]
+        if site not in (b"same-origin", b"none") and not linked:
             return 403
         if scope["method"] not in ("GET", "POST"):
             return 405
@@ -112,3 +119,20 @@ async def _refuse(send: Send, status: int) -> None:
     headers = [length, (b"content-type", b"application/json"), (b"connection", b"close"), *_HEADERS]
     await send({"type": "http.response.start", "status": status, "headers": headers})
     await send({"type": "http.response.body", "body": body})
+
+
+@contextmanager
+def private_link(address: str) -> Iterator[str]:
+    """Yield the address of a file that only this user can read, and that leads to a page.
+
+    All users of the computer see the arguments of the browser, and so must not see the secret.
+    """
+    with tempfile.TemporaryDirectory(prefix="sgp-") as folder:
+        file = Path(folder) / "page.html"
+        file.touch(mode=0o600)
+        file.write_text(
+            '<!doctype html><meta charset="utf-8"><title>Capture preview</title>'
+            f'<meta http-equiv="refresh" content="0; url={address}"><a href="{address}">Open</a>\n',
+            encoding="utf-8",
+        )
+        yield file.as_uri()

@@ -8,13 +8,10 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from acquisition.engine import StopRequest
+from acquisition.engine.stop_request import StoppedError
 from sgp.screen.plan_sheet import PlanSheet
 
 _LOOK_S: Final = 0.05
-
-
-class StoppedTaskError(Exception):
-    """A task was stopped from the screen, or the operator went away."""
 
 
 class Desk:
@@ -30,7 +27,6 @@ class Desk:
         self.sheet = sheet
         self.stop = StopRequest()
         self._lock = threading.RLock()
-        self._attended: Callable[[], bool] = lambda: True
         self._changed: Callable[[], None] = lambda: None
         self._progress: dict[str, Any] | None = None
         self._stage_began: tuple[str, int, float] = ("", 0, 0.0)
@@ -49,12 +45,10 @@ class Desk:
 
     # Called by the task.
 
-    def begin(
-        self, stop: StopRequest, attended: Callable[[], bool], changed: Callable[[], None]
-    ) -> None:
+    def begin(self, stop: StopRequest, changed: Callable[[], None]) -> None:
         """Begin a task."""
         with self._lock:
-            self.stop, self._attended, self._changed = stop, attended, changed
+            self.stop, self._changed = stop, changed
             self._end("")
 
     def end(self, failure: str = "") -> None:
@@ -64,6 +58,7 @@ class Desk:
 
     def _end(self, failure: str) -> None:
         self._failure, self._progress, self._question = failure, None, None
+        self._stage_began = ("", 0, 0.0)
         self._changed()
 
     def progress(self, stage: str, done: int, total: int, /) -> None:
@@ -71,14 +66,12 @@ class Desk:
 
         Raises
         ------
-        StoppedTaskError
-            If a stop was requested, or the operator went away.
+        StoppedError
+            If a stop was requested.
         """
         self.show_progress(stage, done, total)
         if self.stop.asked:
-            raise StoppedTaskError("stopped")
-        if not self._attended():
-            raise StoppedTaskError("stopped, because the page was closed")
+            raise StoppedError(self.stop, "between two steps")
 
     def show_progress(self, stage: str, done: int, total: int, /) -> None:
         """Show the progress of a task."""
@@ -90,11 +83,6 @@ class Desk:
             left_s = (now_s - began_s) * (total - done) / (done - first) if done > first else None
             self._progress = {"stage": stage, "done": done, "total": total, "left_s": left_s}
             self._changed()
-
-    def wait_for_operator(self) -> None:
-        """Return when the operator is there, or a stop was requested."""
-        while not self._attended() and not self.stop.asked:
-            time.sleep(_LOOK_S)
 
     def ask(self, text: str) -> bool:
         """Ask the operator, and return whether the answer was yes; no if a stop was requested."""

@@ -12,7 +12,10 @@ import rig as rigs
 from acquisition import CapturePlan
 from acquisition.files.text_files import parse_toml, validated
 
-_HERE = Path("plan")
+# Messages name the text so.
+_NAME = Path("plan")
+# Overhead of a frame, for the estimate of the duration.
+_FRAME_S = 0.07
 
 
 class PlanSheet:
@@ -24,13 +27,11 @@ class PlanSheet:
         The first plan.
     config
         The rig that the plan must fit.
-    frame_s
-        Overhead of a frame, for the estimate of the duration, seconds.
     """
 
-    def __init__(self, plan: CapturePlan, config: rigs.RigConfig, frame_s: float = 0.07) -> None:
+    def __init__(self, plan: CapturePlan, config: rigs.RigConfig) -> None:
         self._config = config
-        self._frame_s = frame_s + config.settle_ms / 1000
+        self._frame_s = _FRAME_S + config.settle_ms / 1000
         self._lock = threading.Lock()
         self._plan, self._text, self._error = plan, text_of(plan), ""
 
@@ -99,7 +100,7 @@ def plan_from(text: str) -> CapturePlan:
     DataError
         If the text is no plan; the message names key and value.
     """
-    return validated(CapturePlan, parse_toml(text.encode(), _HERE), _HERE)
+    return validated(CapturePlan, parse_toml(text.encode(), _NAME), _NAME)
 
 
 def text_of(plan: CapturePlan) -> str:

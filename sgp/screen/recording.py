@@ -56,10 +56,9 @@ class ShownRecording(Audience):
         self._say(noticed(notice))
 
     def progress(self, stage: str, done: int, total: int, /) -> None:
-        """Show a step; without an operator, a recording waits here with all LEDs off."""
+        """Show a step."""
         if self._started:
             self._desk.show_progress(stage, done, total)
-            self._desk.wait_for_operator()
         else:
             self._desk.progress(stage, done, total)
 
@@ -70,7 +69,7 @@ class ShownRecording(Audience):
         plan: acquisition.CapturePlan,
         shots: Sequence[acquisition.plan.PlannedShot],
     ) -> None:
-        """Note that the checks are done: from now on, the recording ends as the engine ends it."""
+        """Note that the checks are done: from now on, the engine ends the recording at a stop."""
         self._started = True
 
     def on_frame(self, line: acquisition.session.FrameLine) -> None:
@@ -102,7 +101,7 @@ class ShownRecording(Audience):
         return True
 
     def end(self, result: Result | None) -> None:
-        """Show how it ended; None if it can be resumed."""
+        """Show how it ended; without a result, it failed or was stopped."""
         try:
             complete = acquisition.Session.open(self._folder).complete
             self._state = "complete" if complete else "incomplete"
@@ -153,7 +152,7 @@ def record(order: Order, labels: acquisition.Labels, out: Path, *, check: bool) 
         _follow(
             desk,
             ShownRecording(desk, out),
-            lambda audience: record_on_rig(
+            lambda accepting: record_on_rig(
                 rig,
                 plan,
                 left_out,
@@ -161,8 +160,7 @@ def record(order: Order, labels: acquisition.Labels, out: Path, *, check: bool) 
                 order,
                 labels,
                 skip_check=not check,
-                accepting=Acceptance((), audience),
-                audience=audience,
+                accepting=accepting,
                 stop=desk.stop,
             ),
         )
@@ -178,12 +176,11 @@ def resume(order: Order, folder: Path) -> Task:
         _follow(
             desk,
             ShownRecording(desk, folder, [frame.line for frame in begun.frames]),
-            lambda audience: resume_on_rig(
+            lambda accepting: resume_on_rig(
                 rig,
                 begun,
                 ResumeCommand(folder, order.rig_name),
-                accepting=Acceptance((), audience),
-                audience=audience,
+                accepting=accepting,
                 stop=desk.stop,
             ),
         )
@@ -191,11 +188,11 @@ def resume(order: Order, folder: Path) -> Task:
     return task
 
 
-def _follow(desk: Desk, audience: ShownRecording, run: Callable[[Audience], Result]) -> None:
+def _follow(desk: Desk, audience: ShownRecording, run: Callable[[Acceptance], Result]) -> None:
     desk.show(look=None)
     result = None
     try:
-        result = run(audience)
+        result = run(Acceptance(audience=audience))
     finally:
         audience.end(result)
         forget_reports()

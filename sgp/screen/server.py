@@ -38,6 +38,8 @@ _LONGEST_WAIT_S: Final = 5.0
 _CONTROL_S: Final = 3.0
 _TYPES: Final = {".js": "text/javascript", ".css": "text/css", ".html": "text/html"}
 _SHARED: Final = ("elements.js", "gestures.js")
+_REGION: Final = ("left", "top", "width", "height")
+_NUMBERS: Final = ("after", *_REGION, "columns", "rows", "clipped", "peaking")
 
 Perform = Callable[[Action], None]
 Pictures = Callable[[str], UInt8 | None]
@@ -141,7 +143,7 @@ class ScreenServer:
         return StreamingResponse(self._states(page), media_type="text/event-stream")
 
     async def _states(self, page: str) -> AsyncIterator[str]:
-        """Yield the state whenever it changes, and otherwise a sign of life."""
+        """Yield the state whenever it changes, and at least once per second."""
         sent, sent_s = -1, 0.0
         while not self._station.closed:
             controls = self._control.has(page)
@@ -166,8 +168,7 @@ class ScreenServer:
             if self._station.closed or time.monotonic() > ends_s:
                 return Response(status_code=204)
             await asyncio.sleep(_LOOK_S / 3)
-        region = Region(*(asked[name] for name in ("left", "top", "width", "height")))
-        region = region.within(frame.size)
+        region = Region(*(asked[name] for name in _REGION)).within(frame.size)
         most = min(asked["rows"], 4096), min(asked["columns"], 4096)
         marks = Marks(bool(asked["clipped"]), bool(asked["peaking"]))
         picture = await run_in_threadpool(lambda: _encoded(picture_of(frame, region, most, marks)))
@@ -200,19 +201,6 @@ class ScreenServer:
         except Exception as error:  # noqa: BLE001
             return _refused(500, error_text(error))
         return JSONResponse({})
-
-
-_NUMBERS: Final = (
-    "after",
-    "left",
-    "top",
-    "width",
-    "height",
-    "columns",
-    "rows",
-    "clipped",
-    "peaking",
-)
 
 
 def _bound(port: int) -> socket.socket:

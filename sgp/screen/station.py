@@ -1,7 +1,7 @@
 """The station: operates a rig for a screen, one task at a time.
 
 `Station.run` owns the rig and the signals, on the main thread (decision 9). All other methods may
-be called from any thread: they change settings or request a task, and return at once.
+be called from any thread: they change settings, request a task, or stop it.
 """
 
 from __future__ import annotations
@@ -19,13 +19,14 @@ from acquisition.engine.stop_request import StoppedError
 from acquisition.preview import Composite, LiveFrame, Region
 from sgp.cli.console import note
 from sgp.cli.exit import error_text
-from sgp.screen.desk import Desk, StoppedTaskError
+from sgp.screen.desk import Desk
 from sgp.screen.tasks import Task
 
 Mode = Literal["one", "cycle", "all"]
 
 # Without a sign of a page for so long, nothing is lit.
 AWAY_S: Final = 10.0
+_ABSENCE: Final = "the closing of the page"
 _REOPEN_S: Final = 1.0
 _IDLE_S: Final = 0.05
 # A stop turns the LEDs off again and again, in case a shot was about to begin, for so long.
@@ -112,6 +113,7 @@ class Station:
         self._stop = StopRequest()
         self._closing = False
         self._shooting = False
+        self._cut = False  # whether the latest exposure was ended early
         self._seen_s = time.monotonic()
         self._changes = 0
 
@@ -125,6 +127,8 @@ class Station:
         KeyboardInterrupt
             If Ctrl-C ended a task.
         """
+        watch = threading.Thread(target=self._watch, daemon=True)
+        watch.start()
         try:
             while not self._closing:
                 opened = self._opened()
@@ -142,7 +146,16 @@ class Station:
             if self._task is not None:
                 raise
         finally:
+            self._task = None
             self.close()
+            watch.join()
+
+    def _watch(self) -> None:
+        """In another thread: end exposure and task when the operator is away."""
+        while not self._closing:
+            if not self._attended and (self._shooting or self._task is not None):
+                self._end(_ABSENCE)
+            time.sleep(_IDLE_S)
 
     def _opened(self) -> rigs.Rig | None:
         try:
@@ -162,6 +175,7 @@ class Station:
             with self._lock:
                 task = self._task
                 self._shooting = task is None and self._attended and not self._live.paused
+                self._cut = False
             if task is not None:
                 self._carry_out(*task, rig)
             elif self._shooting:
@@ -171,20 +185,18 @@ class Station:
 
     def _carry_out(self, name: str, task: Task, rig: rigs.Rig) -> None:
         """Carry out a task; what fails is shown, and only a failure of the hardware is raised."""
-        self.desk.begin(self._stop, lambda: self._attended, self._changed)
+        self.desk.begin(self._stop, self._changed)
         failure, broken = "", False
         try:
             task(rig, self.desk)
-        except StoppedTaskError as error:
-            failure = str(error)
         except KeyboardInterrupt as error:
             if not isinstance(error, StoppedError) or self._stop.asked_by == "Ctrl-C":
                 raise
-            failure = "stopped"
+            failure = f"stopped by {self._stop.asked_by}"
         except Exception as error:  # noqa: BLE001
             failure = error_text(error)
             if self._stop.asked and isinstance(error, rigs.RigError):
-                failure = "stopped"  # it turned the LED of a shot off
+                failure = f"stopped by {self._stop.asked_by}"  # it turned the LED of a shot off
             else:
                 broken = isinstance(error, rigs.BoardError | rigs.CameraError)
             if not self._stop.asked and not broken:
@@ -210,8 +222,8 @@ class Station:
                 return  # refused, or changed meanwhile
             shot = rig.shoot(led, light.exposure_us, light.gain_db)
         except rigs.RigError as error:
-            if self._closing or live.paused:
-                return  # a stop turned the LED off
+            if self._cut:
+                return
             if not isinstance(error, rigs.FrameLostError):
                 raise
             self._report(error_text(error))
@@ -368,8 +380,12 @@ class Station:
 
     def stop(self, by: str) -> None:
         """End a task and the live picture at once, with all LEDs off."""
+        self._live.paused = True
+        self._end(by)
+
+    def _end(self, by: str) -> None:
+        """End the task or the exposure that is running."""
         with self._lock:
-            self._live.paused = True
             stop = self._stop
             if self._task is not None:
                 stop.ask(by)
@@ -377,6 +393,7 @@ class Station:
         ends_s = time.monotonic() + _STOPPING_S
         while True:
             with self._lock:
+                self._cut = True
                 if self._rig is not None:
                     self._rig.board.darken()
                 running = self._shooting or (self._task is not None and self._stop is stop)

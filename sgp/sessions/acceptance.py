@@ -32,12 +32,12 @@ class Acceptance:
     codes
         Codes of the findings that are accepted.
     audience
-        Asked about others, once for each code.
+        Those who follow the recording; asked about others, once for each code.
     """
 
     def __init__(self, codes: Sequence[Code] = (), audience: Audience | None = None) -> None:
         self._codes: set[str] = {*codes}
-        self._audience = audience or Audience()
+        self.audience = audience or Audience()
 
     def __call__(self, finding: rigs.Notice) -> bool:
         """Return whether a finding is accepted.
@@ -45,11 +45,11 @@ class Acceptance:
         Findings that do not make a recording useless are accepted if the audience cannot answer.
         """
         known = finding.code in self._codes
-        if known or (finding.code not in get_args(Code) and not self._audience.answers):
+        if known or (finding.code not in get_args(Code) and not self.audience.answers):
             if finding.severity == "warning":  # of the recording, which the session keeps
                 report(finding)
             return True
-        if not self._audience.question(finding):
+        if not self.audience.question(finding):
             return False
         self._codes.add(finding.code)
         return True

@@ -13,7 +13,7 @@ from sgp.cli.console import Stages, note
 from sgp.cli.exit import UsageError
 from sgp.cli.terminal import STDERR
 from sgp.sessions.acceptance import Acceptance
-from sgp.sessions.audience import CARD, Audience
+from sgp.sessions.audience import CARD
 from sgp.sessions.resume_command import ResumeCommand
 
 _STOPPING = b"\nstopping after this shot; Ctrl-C again stops now\n"
@@ -49,9 +49,8 @@ class CaptureTalk:
     card_is_there
         True if only flat frames are missing: the operator who resumes has placed the card.
     accepting
-        Answers to findings that make further frames useless; by default the audience's.
-    audience
-        Receives frames and events, and is asked for the white card.
+        Answers to findings that make further frames useless. Its audience receives frames and
+        events, and is asked for the white card.
     """
 
     def __init__(
@@ -60,10 +59,9 @@ class CaptureTalk:
         *,
         card_is_there: bool = False,
         accepting: Acceptance | None = None,
-        audience: Audience | None = None,
     ) -> None:
-        self._audience = audience or Audience()
-        self._accepting = accepting or Acceptance(audience=self._audience)
+        self._accepting = accepting or Acceptance()
+        self._audience = self._accepting.audience
         self._again = again
         self._card_is_there = card_is_there
         self._stopping = False

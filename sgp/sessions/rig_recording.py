@@ -17,7 +17,6 @@ from sgp.cli.options import OptionalInput, OptionalLights
 from sgp.results import Result
 from sgp.rigs import chosen_operator, given_lights
 from sgp.sessions.acceptance import Acceptance
-from sgp.sessions.audience import Audience
 from sgp.sessions.operator_messages import CaptureTalk
 from sgp.sessions.resume_command import ResumeCommand
 from sgp.sessions.session_summary import describe, left_out_notices
@@ -135,7 +134,6 @@ def record_on_rig(
     goal: acquisition.metering.MeteringGoal | None = None,
     skip_check: bool = False,
     accepting: Acceptance,
-    audience: Audience,
     stop: StopRequest | None = None,
 ) -> Result:
     """Meter and check as requested, record a session, and judge its frames.
@@ -155,9 +153,7 @@ def record_on_rig(
     skip_check
         Whether to skip the checks.
     accepting
-        Answers to findings that make a recording useless.
-    audience
-        Those who follow it.
+        Answers to findings that make a recording useless, and those who follow it.
     stop
         Request to end it early.
 
@@ -191,9 +187,9 @@ def record_on_rig(
     prepared.warnings += acquisition.engine.camera_notices(rig, out)
     for warning in prepared.warnings:
         report(warning)
-    audience.started(out, order.rig_name, plan, plan.shots())
+    accepting.audience.started(out, order.rig_name, plan, plan.shots())
     again = ResumeCommand(out, order.rig_name, skip_check)
-    with CaptureTalk(again, accepting=accepting, audience=audience) as talk:
+    with CaptureTalk(again, accepting=accepting) as talk:
         session = acquisition.record(
             rig,
             plan,
@@ -215,7 +211,6 @@ def resume_on_rig(
     asked: acquisition.CapturePlan | None = None,
     damaged: tuple[Damage, ...] | None = None,
     accepting: Acceptance,
-    audience: Audience,
     stop: StopRequest | None = None,
 ) -> Result:
     """Check as requested, take the missing shots of a session, and judge its frames.
@@ -232,7 +227,7 @@ def resume_on_rig(
         If given, refuse a session with another plan.
     damaged
         The damaged frames to take again; None to take none again.
-    accepting, audience, stop
+    accepting, stop
         See `record_on_rig`.
 
     Raises
@@ -255,9 +250,8 @@ def resume_on_rig(
     # An operator who resumes with only flats missing has placed the card; this does not hold
     # for damaged flats.
     only_flats = bool(missing) and all(shot.role == "flat" for shot in missing) and not damaged
-    audience.started(folder, again.rig or rig.config.name, recorded, missing)
-    talking = CaptureTalk(again, card_is_there=only_flats, accepting=accepting, audience=audience)
-    with talking as talk:
+    accepting.audience.started(folder, again.rig or rig.config.name, recorded, missing)
+    with CaptureTalk(again, card_is_there=only_flats, accepting=accepting) as talk:
         finished = acquisition.resume(
             rig,
             folder,

@@ -24,6 +24,7 @@ from acquisition import (
     resume,
     verify_session,
 )
+from acquisition.engine import StopRequest
 from acquisition.plan import estimate_plan
 from acquisition.session import FrameLine
 from rig import Notice, Rig, RigConfig
@@ -150,6 +151,7 @@ def test_what_makes_a_recording_useless_ends_it_unless_accepted(
     session = Session.open(tmp_path / "s")
     assert not session.complete
     assert code in {notice.code for notice in session.warnings}
+    assert "accepted" not in events
     taken = len(session.frames)
     scene.shots.clear()
     session = resume(stand, tmp_path / "s")
@@ -176,6 +178,24 @@ def test_an_accepted_finding_is_asked_about_with_all_leds_off(
     assert session.complete
     assert [finding.code for finding in asked] == ["frame-shifted"]
     assert session.warnings == tuple(asked)
+    assert [line.details for line in session.events if line.event == "accepted"] == [
+        {"file": "R_L03_E0_R1.tif", "code": "frame-shifted"}
+    ]
+
+
+def test_a_stop_at_a_question_is_no_refusal(stand: Rig, scene: Scene, tmp_path: Path) -> None:
+    scene.change = lambda number: moved(scene) if number == 6 else None
+    stop = StopRequest()
+
+    def accept(finding: Notice) -> bool:
+        stop.ask("a button")
+        return False
+
+    plan = PLAN.changed(repeats=20)
+    hooks = RecordingHooks(accept=accept)
+    with pytest.raises(KeyboardInterrupt, match="stopped by a button"):
+        record(stand, plan, tmp_path / "s", LABELS, hooks=hooks, stop=stop)
+    assert Session.open(tmp_path / "s").events[-1].event == "interrupted"
 
 
 def test_small_changes_are_named_and_do_not_stop(stand: Rig, scene: Scene, tmp_path: Path) -> None:

@@ -33,7 +33,19 @@ def shift(right: float, down: float) -> Float64:
     return np.array([[1, 0, right], [0, 1, down], [0, 0, 1.0]])
 
 
-def field_at(place: Float64, *, seed: int = 1, noise_deg: float = 0.2, paint: bool = True) -> Field:
+def bend(x: Float64, y: Float64, size_px: float) -> tuple[Float64, Float64]:
+    """Return smooth shifts, as by the parallax of a relief."""
+    return size_px * np.sin(y / 60), size_px * np.cos(x / 70 + 1) * np.sin(y / 90)
+
+
+def field_at(
+    place: Float64,
+    *,
+    seed: int = 1,
+    noise_deg: float = 0.2,
+    paint: bool = True,
+    bent_px: float = 0.0,
+) -> Field:
     """Return a field whose pixel p shows the point ``place @ p`` of an unlimited relief.
 
     The relief is a sum of plane waves, so that slopes are exact anywhere. The axes of the field
@@ -46,7 +58,9 @@ def field_at(place: Float64, *, seed: int = 1, noise_deg: float = 0.2, paint: bo
     across, along = 2 * np.pi / length * np.cos(around), 2 * np.pi / length * np.sin(around)
     rows, columns = np.mgrid[: SIZE[0], : SIZE[1]]
     x, y, w = np.tensordot(place, np.stack([columns, rows, np.ones_like(rows)]), 1)
-    at = across * (x / w)[..., None] + along * (y / w)[..., None]
+    x, y = x / w, y / w
+    right, down = bend(x, y, bent_px)
+    at = across * (x + right)[..., None] + along * (y + down)[..., None]
     change = np.cos(at + phase[0]) * 0.3 / math.sqrt(WAVES)
     right, down = (change * np.cos(around)).sum(axis=2), (change * np.sin(around)).sum(axis=2)
     angle = math.atan2(place[1, 0], place[0, 0])
@@ -97,6 +111,7 @@ def test_a_placement_is_found(place: Float64, model: PlaneModel, paint: bool) ->
     assert error < most
     assert found.sigma_px < 0.02
     if model != "homography":
+        assert found.drift is None
         assert error < 5 * found.sigma_px
         back = found.resampled(second).normal_map
         both = back.mask & found.common
@@ -118,6 +133,23 @@ def test_a_tilt_turns_the_normals() -> None:
     assert abs(found.turn_deg - 30) < 0.1
 
 
+@cases("bent_px", {"little": 0.1, "much": 0.5})
+def test_a_smooth_drift_is_found(bent_px: float) -> None:
+    first, second = field_at(np.eye(3)), field_at(turned(20), bent_px=bent_px)
+    found = register_fields(first, second, model="rigid")
+    assert found.drift is not None
+    # Positions of the first that each pixel of the second shows.
+    rows, columns = (one[30:-30, 30:-30].astype(float) for one in np.mgrid[: SIZE[0], : SIZE[1]])
+    x, y, _ = np.tensordot(turned(20), np.stack([columns, rows, np.ones_like(rows)]), 1)
+    right, down = bend(x, y, bent_px)
+    x, y = x + right, y + down
+    inside = (x > 10) & (x < SIZE[1] - 10) & (y > 10) & (y < SIZE[0] - 10)
+    error = np.hypot(*np.subtract(found.at(x, y), (columns, rows)))[inside]
+    without = replace(found, drift=None)
+    bare = np.hypot(*np.subtract(without.at(x, y), (columns, rows)))[inside]
+    assert np.sqrt(np.mean(error**2)) < 0.35 * np.sqrt(np.mean(bare**2))
+
+
 def test_where_a_registration_does_not_hold() -> None:
     first, second, foreign = field_at(np.eye(3)), field_at(shift(3, 2)), field_at(turned(0), seed=5)
     normals = second.normal_map.normals.copy()
@@ -137,7 +169,7 @@ def mirrored(field: Field) -> Field:
     "second, message",
     {
         "another object": (field_at(np.eye(3), seed=9), "nothing in common"),
-        "beside it": (field_at(shift(500, 0)), "nothing in common"),
+        "no overlap": (field_at(shift(500, 0)), "nothing in common"),
         "mirrored": (mirrored(field_at(np.eye(3))), "one of the two fields is mirrored"),
         "only noise": (field_at(shift(5, 5), noise_deg=80, paint=False), "nothing in common"),
     },

@@ -206,7 +206,10 @@ def test_a_moved_object_is_asked_about_once(sgp, tmp_path, monkeypatch, answer, 
     assert done.code == code
     assert done.err.count("continue anyway?") == 1
     assert "the camera or the object moved by" in done.err
-    assert Session.open(tmp_path / "s").complete is (code == 0)
+    session = Session.open(tmp_path / "s")
+    assert session.complete is (code == 0)
+    accepted = [line.details["code"] for line in session.events if line.event == "accepted"]
+    assert accepted == ["frame-shifted"] * (code == 0)
 
 
 def test_an_unattended_recording_stops_for_what_makes_it_useless(sgp, tmp_path, monkeypatch):

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from acquisition import Session
-from sgp.sessions import CaptureTalk, EventStream, ResumeCommand
+from sgp.sessions import Acceptance, CaptureTalk, EventStream, ResumeCommand
 from sgp.sessions.event_stream import VERSION
 from tests.sgp.small_rig import CAPTURE
 from tests.sgp.test_cli_accept import plan_file, rig_file
@@ -121,7 +121,7 @@ def test_a_failure_and_the_resume_after_it(sgp, tmp_path):
 
 
 def test_damage_is_a_notice(capsys, tmp_path):
-    talk = CaptureTalk(ResumeCommand(tmp_path), audience=EventStream())
+    talk = CaptureTalk(ResumeCommand(tmp_path), accepting=Acceptance(audience=EventStream()))
     talk.on_damage("L00_E0.tif: damaged")
     (notice,) = stream(capsys.readouterr().out)
     assert (notice["code"], notice["severity"]) == ("frame-damaged", "error")

@@ -107,6 +107,16 @@ def test_what_another_site_requests_is_refused(page: Served, site: str) -> None:
     assert refused(page, "POST", page.path + "do", Sec_Fetch_Site=site) == 403
 
 
+def test_a_link_elsewhere_leads_only_to_the_page(page: Served) -> None:
+    link = {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Dest": "document"}
+    assert page.get("", **link)[0] == 200
+    for name in ("frame", "events", "assets/main.js", "assets/"):
+        assert page.get(name, **link)[0] == 403
+    assert page.send("GET", "/wrong/", headers=link)[0] == 404
+    assert page.send("POST", page.path + "do", BODY, link)[0] == 403
+    assert page.send("POST", page.path, BODY, link)[0] == 405
+
+
 @cases(
     "token",
     {

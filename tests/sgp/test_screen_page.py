@@ -14,6 +14,7 @@ import pytest
 from acquisition import Session, verify_session
 from acquisition.preview.live_picture import CLIPPED
 from sgp.screen import station
+from sgp.screen.access import private_link
 from sgp.screen.station import Light
 from tests.cases import cases
 from tests.sgp.chromium import MISSING, PROGRAM, WINDOW, Browser
@@ -288,6 +289,20 @@ def test_the_plan_is_edited_and_metered(page: Page) -> None:
     page.shows("#results", "Checks")
 
 
+def test_a_recording_has_the_plan_that_was_typed_just_before(page: Page) -> None:
+    page.browser.until("!document.querySelector('#record .primary').disabled")
+    page.browser.value("document.querySelector('#record input[type=checkbox]').checked = false")
+    page.browser.value("document.querySelector('#record input[type=text]').value = 'vase'")
+    page.click("document.querySelector('#plan textarea')")
+    page.browser.value("document.querySelector('#plan textarea').select()")
+    page.browser.call("Input.insertText", text="leds = [4]\nexposures_us = [20000.0]\n")
+    page.press("Record")
+    page.shows("#results", "vase: complete")
+    plan = Session.open(page.made.out / "vase").manifest.plan
+    assert plan is not None
+    assert plan.leds == (4,)
+
+
 def test_a_question_is_answered_by_the_keyboard(page: Page) -> None:
     text = 'leds = "0-3"\nexposures_us = [5000.0]\nflats = 2\n'
     page.made.desk.sheet.write(text)
@@ -333,6 +348,15 @@ def test_a_rig_that_is_gone_is_said_until_it_is_back(
     page.rig.connect()
     page.browser.until("document.querySelector('#trouble').hidden")
     page.browser.until("!document.querySelector('#light').disabled")
+
+
+def test_the_private_file_leads_to_the_page(browser: Browser, rig: LitRig, tmp_path: Path) -> None:
+    with served(rig, tmp_path) as made, private_link(made.address) as link:
+        browser.visit(link)
+        browser.until("document.querySelector('#caption')?.textContent")
+        assert browser.value("location.href") == made.address
+        assert browser.messages == []
+        browser.call("Page.navigate", url="about:blank")
 
 
 def test_a_program_that_has_ended_is_said(browser: Browser, rig: LitRig, tmp_path: Path) -> None:

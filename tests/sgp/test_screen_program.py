@@ -7,6 +7,7 @@ import re
 import select
 import signal
 import socket
+import stat
 import subprocess
 import sys
 import threading
@@ -16,6 +17,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
 
 import pytest
 
@@ -226,13 +229,21 @@ def test_the_browser_opens_the_page(sgp: Any, file: Path, monkeypatch: pytest.Mo
     opened: list[str] = []
 
     def browse(address: str) -> bool:
-        opened.append(urllib.request.urlopen(address, timeout=30).read().decode())
+        link = Path(url2pathname(urlsplit(address).path))
+        assert [stat.S_IMODE(path.stat().st_mode) for path in (link, link.parent)] == [0o600, 0o700]
+        (page,) = re.findall(r'url=([^"]+)"', link.read_text())
+        opened.extend([address, page, urllib.request.urlopen(page, timeout=30).read().decode()])
         threading.Timer(1.0, os.kill, (os.getpid(), signal.SIGINT)).start()
         return True
 
     monkeypatch.setattr("webbrowser.open", browse)
     answer = sgp("capture", "preview", "--rig", file)
-    assert "<title>Capture preview</title>" in opened[0]
+    link, page, text = opened
+    assert "<title>Capture preview</title>" in text
+    assert f"page: {page}" in answer.err
+    # Other users see the address that the browser is started with.
+    assert urlsplit(page).path.strip("/") not in link
+    assert not Path(url2pathname(urlsplit(link).path)).parent.exists()
     assert (answer.code, answer.out) == (0, CLOSED)
 
 

@@ -155,7 +155,7 @@ def test_a_stop_ends_a_task_in_a_long_exposure(slow_rig: LitRig, tmp_path: Path)
         (period,) = (one for one in slow_rig.state.periods() if one.end_ns > start_ns)
         assert period.end_ns - start_ns < LONG_US * 1000 / 2
         state = made.finished()
-        assert state["failure"] == "stopped"
+        assert state["failure"] == "stopped by the page"
         assert state["recording"]["state"] == "incomplete"
 
 
@@ -203,35 +203,62 @@ def test_without_a_page_nothing_is_lit(
         until(lambda: next(states) and rig.lit_since(start_ns))
 
 
-def test_a_recording_waits_until_the_page_is_back(
-    page: Served, rig: LitRig, monkeypatch: pytest.MonkeyPatch
+def test_an_exposure_ends_when_the_page_has_been_gone_for_long(
+    slow_rig: LitRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(station, "AWAY_S", 0.4)
-    page.do(do="plan", text=NINE)
-    with page.watched() as states:
-        page.do(do="record", object="owl", check=False)
-        until(lambda: (next(states)["recording"] or {}).get("frames"))
-    time.sleep(1)
-    start_ns = time.monotonic_ns()
-    frames = len(page.station.state()["recording"]["frames"])
-    time.sleep(0.4)
-    assert rig.lit_since(start_ns) == set()
-    assert 0 < frames == len(page.station.state()["recording"]["frames"]) < 60
-    with page.watched() as states:
-        until(lambda: next(states)["recording"]["state"] == "complete")
-    assert verify_session(page.out / "owl").ok
+    monkeypatch.setattr(station, "AWAY_S", 0.6)
+    with served(slow_rig, tmp_path) as made:
+        with made.watched() as states:
+            until(lambda: next(states)["rig"])
+            light(made, 4, exposure_us=LONG_US)
+            until(lambda: next(states) and slow_rig.lit() == 4)
+        closed_ns = time.monotonic_ns()
+        until(lambda: slow_rig.lit() is None)
+        (period,) = (one for one in slow_rig.state.periods() if one.end_ns > closed_ns)
+        assert period.end_ns - period.start_ns < LONG_US * 1000 / 2
+        time.sleep(0.5)
+        assert slow_rig.lit_since(period.end_ns) == set()
+        assert made.station.state()["trouble"] == ""
+        with made.watched() as states:
+            until(lambda: next(states) and slow_rig.lit() == 4)
+        assert len(slow_rig.opened) == 1
+
+
+def test_a_recording_stops_when_the_page_has_been_gone_for_long(
+    slow_rig: LitRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(station, "AWAY_S", 0.6)
+    plan = CapturePlan(leds="0-5", exposures_us=(LONG_US / 2,), dark=False)
+    with served(slow_rig, tmp_path, plan=plan) as made:
+        with made.watched() as states:
+            until(lambda: next(states)["rig"])
+            made.do(do="record", object="owl", check=False)
+            until(lambda: (next(states)["recording"] or {}).get("frames") and slow_rig.lit())
+        closed_ns = time.monotonic_ns()
+        until(lambda: made.station.state()["task"] is None)
+        (period,) = (one for one in slow_rig.state.periods() if one.end_ns > closed_ns)
+        assert period.end_ns - period.start_ns < LONG_US * 1000 / 2
+        assert made.station.state()["failure"] == "stopped by the closing of the page"
+        session = Session.open(tmp_path / "owl")
+        assert not session.complete
+        assert session.events[-1].event == "interrupted"
+        assert session.events[-1].details["reason"].startswith("stopped by the closing of the page")
+        with made.watched() as states:
+            made.do(do="plan", text=NINE)
+            made.do(do="resume")
+            until(lambda: next(states)["recording"]["state"] == "complete")
+    assert verify_session(tmp_path / "owl").ok
 
 
 def test_metering_ends_if_the_page_is_closed(
     page: Served, rig: LitRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(station, "AWAY_S", 0.4)
     with page.watched() as states:
         next(states)
         page.do(do="meter", each=True)
         monkeypatch.setattr(station, "AWAY_S", 0.0)
     until(lambda: page.station.state()["task"] is None)
-    assert page.station.state()["failure"] == "stopped, because the page was closed"
+    assert page.station.state()["failure"] == "stopped by the closing of the page"
     assert rig.lit() is None
 
 
@@ -433,7 +460,7 @@ def test_flats_wait_for_the_card(page: Served, rig: LitRig) -> None:
     assert "white card" in question["text"]
     page.do(do="answer", question=question["id"], yes=False)
     state = page.finished()
-    assert (state["failure"], state["recording"]["state"]) == ("stopped", "incomplete")
+    assert (state["failure"], state["recording"]["state"]) == ("stopped by the page", "incomplete")
     page.do(do="resume")
     until(lambda: page.station.attend() or page.station.state()["question"])
     page.do(do="answer", question=page.station.state()["question"]["id"], yes=True)

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from acquisition import CapturePlan, DataError, Session, verify_session
+from acquisition.engine import StopRequest
 from rig import BoardError, Rig, RigConfig
 from sgp.screen import Desk, Light, PlanSheet, Screen, Station, station
 from sgp.screen.actions import ACTION
@@ -196,7 +197,7 @@ def test_one_task_at_a_time_and_a_stop_ends_it(open_station: Station, bench: Ben
         open_station.request("another", task)
     open_station.stop("the page")
     until(lambda: open_station.state()["task"] is None)
-    assert open_station.state()["failure"] == "stopped"
+    assert open_station.state()["failure"] == "stopped by the page"
 
 
 def test_a_task_that_fails_is_shown_and_the_picture_goes_on(
@@ -288,29 +289,11 @@ def test_a_stopped_recording_is_resumed(
     session = Session.open(tmp_path / "owl")
     assert not session.complete
     assert state["recording"]["state"] == "incomplete"
-    assert state["failure"] == "stopped"
+    assert state["failure"] == "stopped by the page"
     assert session.events[-1].event == "interrupted"
     do(screen, do="resume")
     finished(open_station)
     assert Session.open(tmp_path / "owl").complete
-
-
-def test_a_recording_waits_without_an_operator(
-    open_station: Station,
-    screen: Screen,
-    bench: Bench,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(station, "AWAY_S", 0.3)
-    open_station.attend()
-    do(screen, do="plan", text='leds = "0-5"\nexposures_us = [20000.0]\nrepeats = 9\n')
-    do(screen, do="record", object="owl", check=False)
-    time.sleep(1.5)
-    count = len(bench.shots)
-    time.sleep(0.3)
-    assert len(bench.shots) == count < 50
-    assert finished(open_station)["recording"]["state"] == "complete"
 
 
 def test_metering_and_checks(open_station: Station, screen: Screen) -> None:
@@ -349,6 +332,18 @@ def test_normals_without_lights_say_what_is_missing(open_station: Station, scree
 def test_a_name_that_cannot_be_a_folder_is_refused(screen: Screen, name: str, text: str) -> None:
     with pytest.raises(Exception, match=text):
         do(screen, do="record", object=name)
+
+
+def test_the_remaining_time_is_that_of_the_task(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for began_s in (0.0, 1000.0):
+        desk.begin(StopRequest(), lambda: None)
+        for step in range(3):
+            monkeypatch.setattr(time, "monotonic", lambda now_s=began_s + 2 * step: now_s)
+            desk.progress("recording", step, 10)
+        assert desk.state()["progress"]["left_s"] == 16.0
+        desk.end()
 
 
 # The plan.

@@ -12,8 +12,16 @@ export function listen(changed, lost) {
   source.onerror = lost;
 }
 
-/** Ask the station for something; returns an error text, or "" if it was done. */
-export async function ask(action) {
+let last = Promise.resolve();
+
+/** Ask the station for something, a stop at once, all else in order; returns an error text, or "" if it was done. */
+export function ask(action) {
+  if (action.do === "stop") return send(action);
+  last = last.then(() => send(action));
+  return last;
+}
+
+async function send(action) {
   try {
     const answer = await fetch("do", {
       method: "POST",

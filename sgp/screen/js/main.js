@@ -29,6 +29,7 @@ const panels = [
   thumbnails(at("thumbnails")),
 ];
 let state = null;
+let drawn; // number of the frame whose figures are on display
 at("stop").addEventListener("click", () => ask({ do: "stop" }));
 
 listen(
@@ -58,7 +59,8 @@ function show(next) {
   if (rig) view.size(rig.size);
   view.mmPerPx = next.mm_per_px;
   const { frame } = live;
-  if (frame.number !== undefined) {
+  if (frame.number !== drawn) {
+    drawn = frame.number;
     drawHistogram(at("histogram"), at("histogram-text"), frame);
     focus.add(frame.sharpness, JSON.stringify([frame.leds, frame.exposure_us, frame.gain_db, view.inView()]));
   }

@@ -15,10 +15,15 @@ export function planPanel(panel) {
   };
   let later = 0;
   let shown = null;
+  const write = async () => {
+    clearTimeout(later);
+    say(await ask({ do: "plan", text: text.value }));
+  };
   text.addEventListener("input", () => {
     clearTimeout(later);
-    later = setTimeout(async () => say(await ask({ do: "plan", text: text.value })), 400);
+    later = setTimeout(write, 400);
   });
+  text.addEventListener("change", write); // before the click on a button
   panel.append(
     text,
     said,
