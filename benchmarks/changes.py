@@ -12,8 +12,11 @@ in which scratches and losses were planted. A pixel is 0.05 mm.
 from __future__ import annotations
 
 import pickle
+from argparse import Namespace
 from collections import defaultdict
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain, combinations, pairwise
 from pathlib import Path
 
@@ -107,6 +110,41 @@ def footprint(before: Shot, one: Planted) -> Bool:
     return drawn > 0
 
 
+@dataclass(frozen=True)
+class Outcome:
+    """What was found on an object: changes of pairs without one, planted ones, and others."""
+
+    alarms: list[int]
+    seen: list[tuple[tuple[str, float, float], tuple[float, ...]]]
+    others: int
+
+
+def outcome(name: str, options: Namespace) -> Outcome:
+    """Compare the recordings of an object."""
+    still, changed = (
+        [
+            shot(name, options.seed, number, changed=is_changed, keep=options.keep)
+            for number in range(count)
+        ]
+        for count, is_changed in ((options.unchanged, False), (options.changed, True))
+    )
+    alarms = [len(compared(a, b).changes) for a, b in combinations(still, 2)]
+    print(name, alarms, flush=True)
+    seen, others = [], 0
+    for number, after in enumerate(changed):
+        for before in still[number::3]:
+            found = compared(before, after)
+            claimed = np.zeros((SIZE, SIZE), bool)
+            for one in after.planted:
+                where = footprint(before, one)
+                claimed |= cv2.dilate(where.astype(np.uint8), np.ones((9, 9))) > 0
+                if found.difference.known[where].all():
+                    key = one.kind, one.width_px, one.depth_um
+                    seen.append((key, _judged(found, where, one)))
+            others += sum(not claimed[c.row, c.column] for c in found.changes)
+    return Outcome(alarms, seen, others)
+
+
 def main() -> None:
     """Print one row for each kind of change, and for pairs without one."""
     parser = command_line(__doc__)
@@ -115,39 +153,16 @@ def main() -> None:
     parser.add_argument("--changed", type=int, default=3, help="recordings with changes")
     parser.add_argument("--objects", nargs="+", default=list(OBJECTS))
     parser.add_argument("--keep", type=Path, help="folder that keeps the recordings")
-    parser.add_argument("--only-record", action="store_true", help="fill that folder only")
+    parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--out", type=Path, help="table (.csv)")
     options = parser.parse_args()
-    alarms: dict[str, list[int]] = {}
-    seen: dict[tuple[str, float, float], list[tuple[float, ...]]] = defaultdict(list)
-    others = 0
-    for name in options.objects:
-        still, changed = (
-            [
-                shot(name, options.seed, number, changed=is_changed, keep=options.keep)
-                for number in range(count)
-            ]
-            for count, is_changed in ((options.unchanged, False), (options.changed, True))
-        )
-        if options.only_record:
-            continue
-        alarms[name] = [len(compared(a, b).changes) for a, b in combinations(still, 2)]
-        print(name, alarms[name], flush=True)
-        for number, after in enumerate(changed):
-            for before in still[number::3]:
-                found = compared(before, after)
-                claimed = np.zeros((SIZE, SIZE), bool)
-                for one in after.planted:
-                    where = footprint(before, one)
-                    claimed |= cv2.dilate(where.astype(np.uint8), np.ones((9, 9))) > 0
-                    if not found.difference.known[where].all():
-                        continue
-                    seen[one.kind, one.width_px, one.depth_um].append(_judged(found, where, one))
-                stray = [c for c in found.changes if not claimed[c.row, c.column]]
-                others += len(stray)
-                print(name, number, "elsewhere:", [(c.kind, round(c.z, 1)) for c in stray])
-    if options.only_record:
-        return
+    with ProcessPoolExecutor(options.processes) as pool:
+        outcomes = list(pool.map(partial(outcome, options=options), options.objects))
+    seen = defaultdict(list)
+    for key, values in chain(*(one.seen for one in outcomes)):
+        seen[key].append(values)
+    alarms = {name: one.alarms for name, one in zip(options.objects, outcomes, strict=True)}
+    others = sum(one.others for one in outcomes)
     table = Table(options.out)
     blank = {"false alarms": "", "found": "", "depth within k=2": "", "width within k=2": ""}
     blank |= {"depth um": "", "width px": "", "mean um": "", "mean sigma um": ""}
