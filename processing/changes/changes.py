@@ -26,6 +26,8 @@ from rig.arrays import Bool, Float32, Int32
 
 # A change extends as far as its significance is above this.
 _EXTENT: Final = 4.0
+# What is significant exceeds the curl within these pixels by this factor.
+_NEARBY, _ABOVE_CURL = 8, 1.5
 # Pixels around it whose height may have changed as well.
 _MARGIN: Final = 3
 # Relative standard deviation of the blur of a lens.
@@ -250,10 +252,11 @@ def _regions(best: _Best, level: float) -> Int32:
     numbers, count = label(wide, np.ones((3, 3)))
     peak, control = (np.zeros(count + 1) for _ in range(2))
     np.maximum.at(peak, numbers.ravel(), np.abs(best.z).ravel())
-    np.maximum.at(control, numbers.ravel(), best.control.ravel())
+    nearby = cv2.dilate(best.control, np.ones((2 * _NEARBY + 1,) * 2, np.uint8))
+    np.maximum.at(control, numbers.ravel(), nearby.ravel())
     kept = peak >= level
-    # What has as much curl is no change of the surface.
-    kept &= peak > control
+    # Where errors are large, they have curl as well.
+    kept &= peak > _ABOVE_CURL * control
     kept[0] = False
     grown = cv2.dilate((kept[numbers]).astype(np.uint8), np.ones((2 * _MARGIN + 1,) * 2, np.uint8))
     grown[[0, -1]] = grown[:, [0, -1]] = 0
