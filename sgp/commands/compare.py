@@ -45,7 +45,7 @@ def compare(
     For example:
 
         sgp compare out/normals truth.exr --mask mask.png --out comparison
-        sgp compare 2025/normals 2026/normals --register --significance --out changes
+        sgp compare 2025 2026 --register --significance --out changes
 
     Parameters
     ----------
