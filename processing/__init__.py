@@ -57,7 +57,7 @@ Heights and meshes::
     read_geometry            read a mesh or a point cloud
     Geometry                 a mesh or a point cloud
 
-Namespaces: checks, colour, curvatures, detail, maps, merging, meshes, near, noise, projection,
+Namespaces: changes, checks, colour, curvatures, detail, maps, merging, meshes, near, noise, projection,
 recording, relight, stages, stereo, superres, surface, synthesis.
 """
 

@@ -1,3 +1,4 @@
+from . import changes as changes
 from . import checks as checks
 from . import colour as colour
 from . import curvatures as curvatures

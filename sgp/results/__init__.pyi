@@ -22,11 +22,13 @@ from .metrics import FillMetrics as FillMetrics
 from .metrics import FlatMetrics as FlatMetrics
 from .metrics import HeightProfileMetrics as HeightProfileMetrics
 from .metrics import IntensitiesMetrics as IntensitiesMetrics
+from .metrics import LevelMetrics as LevelMetrics
 from .metrics import LightDifferenceMetrics as LightDifferenceMetrics
 from .metrics import LikenessMetrics as LikenessMetrics
 from .metrics import MergeMetrics as MergeMetrics
 from .metrics import ProjectMetrics as ProjectMetrics
 from .metrics import PropertiesMetrics as PropertiesMetrics
+from .metrics import RegisteredMetrics as RegisteredMetrics
 from .metrics import RelightMetrics as RelightMetrics
 from .metrics import ReportMetrics as ReportMetrics
 from .metrics import RotationSimilarityMetrics as RotationSimilarityMetrics

@@ -1088,6 +1088,75 @@ class MergeMetrics(TypedDict):
     pixel_mm: NotRequired[float]
 
 
+class LevelMetrics(TypedDict):
+    """The smallest change of a surface that would have been found with 95 %.
+
+    Parameters
+    ----------
+    width : mm or px
+        full width at half depth; the diameter of a spot
+    scratch : mm or px
+        depth of a scratch of 20 pixels or more in length, at a usual place
+    scratch_worst : mm or px
+        the same at all but 5 % of the places
+    spot : mm or px
+        depth of a round spot, at a usual place
+    spot_worst : mm or px
+        the same at all but 5 % of the places
+    """
+
+    width: float
+    scratch: float | None
+    scratch_worst: float | None
+    spot: float | None
+    spot_worst: float | None
+
+
+class RegisteredMetrics(TypedDict):
+    """Figures of a comparison of two registered normal maps, `sgp compare --register`.
+
+    Parameters
+    ----------
+    shift_px : px
+        from the middle of the common area to its place in the second map: right, down
+    turn_deg : deg
+        turn of the second map in the plane, counterclockwise as seen
+    tilt_deg : deg
+        tilt of the second map in space
+    registration_sigma_px : px
+        standard deviation of a position
+    correlation : up to 1
+        correlation of the fine structure
+    common : 0..1
+        share of the first map that both show
+    median_deg : deg
+        median angle between registered normals
+    unit
+        `mm`, or `px` without a scale
+    changes
+        `--significance`: significant changes
+    false_alarm : 0..1
+        `--significance`: probability that a map without a change has one
+    threshold : 1
+        `--significance`: deviations above which a change is significant
+    levels
+        `--significance`: the smallest changes that would have been found
+    """
+
+    shift_px: tuple[float, float]
+    turn_deg: float
+    tilt_deg: float
+    registration_sigma_px: float
+    correlation: float
+    common: float
+    median_deg: float
+    unit: Literal["mm", "px"]
+    changes: NotRequired[int]
+    false_alarm: NotRequired[float]
+    threshold: NotRequired[float]
+    levels: NotRequired[list[LevelMetrics]]
+
+
 class ExportMetrics(TypedDict):
     """Figures of an export of a session.
 
@@ -1228,6 +1297,9 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp project": (ProjectMetrics,),
     "sgp compare": (CompareMetrics,),
     "sgp merge": (MergeMetrics,),
+
+
+    "sgp compare": (CompareMetrics, RegisteredMetrics),
     "sgp export": (RtiMetrics,),
     "sgp relight": (RelightMetrics,),
     "sgp capture export": (ExportMetrics,),
