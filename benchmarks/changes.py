@@ -15,7 +15,7 @@ import pickle
 from argparse import Namespace
 from collections import defaultdict
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import chain, combinations, pairwise
 from pathlib import Path
@@ -81,8 +81,6 @@ def shot(name: str, seed: int, number: int, *, changed: bool, keep: Path | None)
 def compared(before: Shot, after: Shot) -> Changes:
     """Return the changes between two recordings."""
     registration = register_fields(before.field, after.field, model="homography")
-    # As in `sgp compare`.
-    registration = replace(registration, drift=None)
     there = registration.resampled(after.field)
     blur_px = max(before.blur_px, after.blur_px)
     return find_changes(before.field, there, registration.common, blur_px=blur_px)

@@ -170,9 +170,7 @@ def _registered(
             f"{unknown}: its scale is not known, but that of the other map is: give --pixel-mm"
         )
     registration = register_fields(first, after.field, model="homography")
-    # Smooth shifts that are left are fitted with the other errors; at the rim of an object, where
-    # the drift has few pixels, this is surer.
-    there = replace(registration, drift=None).resampled(after.field)
+    there = registration.resampled(after.field)
     if out is not None:
         claim_folder(out, "compare.json")
     found = None

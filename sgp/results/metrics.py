@@ -1295,11 +1295,8 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp detail superres": (SuperresMetrics,),
     "sgp detail train": (TrainMetrics,),
     "sgp project": (ProjectMetrics,),
-    "sgp compare": (CompareMetrics,),
-    "sgp merge": (MergeMetrics,),
-
-
     "sgp compare": (CompareMetrics, RegisteredMetrics),
+    "sgp merge": (MergeMetrics,),
     "sgp export": (RtiMetrics,),
     "sgp relight": (RelightMetrics,),
     "sgp capture export": (ExportMetrics,),
