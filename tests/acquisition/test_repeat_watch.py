@@ -24,9 +24,10 @@ from acquisition import (
     resume,
     verify_session,
 )
-from acquisition.engine import StopRequest
+from acquisition.engine import StopRequest, repeat_watch
 from acquisition.plan import estimate_plan
 from acquisition.session import FrameLine
+from acquisition.session.comparisons import compared_repeats
 from rig import CameraFrame, Notice, Rig, RigConfig
 from rig.arrays import Float32
 from rig.host import clock
@@ -129,6 +130,22 @@ def test_repeats_are_compared_and_are_no_lights(stand: Rig, tmp_path: Path) -> N
     assert [frame.path.stem for frame in source.frames] == [
         file for file in FILES if not file.startswith("R_")
     ]
+
+
+def test_a_repeat_waits_until_the_one_before_is_compared(
+    stand: Rig, scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def slowly(*words: Any) -> Any:
+        clock.sleep(20)
+        return compared_repeats(*words)
+
+    monkeypatch.setattr(repeat_watch, "compared_repeats", slowly)
+    scene.change = lambda number: moved(scene) if number == 6 else None
+    with pytest.raises(NotAcceptedError):
+        record(stand, PLAN.changed(repeats=2), tmp_path / "s", LABELS)
+    files = {frame.path.stem for frame in Session.open(tmp_path / "s").frames}
+    assert "R_L03_E0_R1" in files
+    assert "R_L03_E0_R2" not in files
 
 
 def moved(scene: Scene) -> None:
