@@ -433,7 +433,7 @@ SCENES = ("coin", "leather", "textile", "scales", "spheres")
 
 
 @pytest.mark.usefixtures("simulated_world")
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", quick(SCENES, every=2))
 @pytest.mark.parametrize("seeds", [range(1), pytest.param(range(1, 11), marks=pytest.mark.slow)])
 def test_undisturbed_recordings_have_no_notice(tmp_path: Path, name: str, seeds: range) -> None:
     """Lamps that flicker by 0.1 %, and a stand that shakes by 0.03 px."""
