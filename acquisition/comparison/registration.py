@@ -273,7 +273,7 @@ def _spread(left: Float32, valid: Bool, classes: UInt8) -> Float64:
         if own.size:
             spread[number] = np.partition(own, own.size // 2)[own.size // 2]
     spread *= 1.4826
-    return np.nan_to_num(spread, nan=float(np.nanmax(spread)))
+    return np.asarray(np.nan_to_num(spread, nan=float(np.nanmax(spread))))
 
 
 def _slopes(light: Float32) -> Float32:
