@@ -50,7 +50,7 @@ def test_a_process_that_ends_and_a_pause_lose_nothing(
     data = shoot(folder.parent, 2).read_bytes()
     (folder / "IMG_0002.png").write_bytes(data[:100])
     process.send_signal(ending)
-    assert process.wait(20) != 0
+    assert process.wait(60) != 0
     for path in folder.iterdir():  # a pause of an hour
         os.utime(path, (time.time() - 3600, time.time() - 3600))
     (folder / "IMG_0002.png").write_bytes(data)
@@ -58,6 +58,6 @@ def test_a_process_that_ends_and_a_pause_lose_nothing(
     for number in (4, 3, 5):
         shoot(folder, number)
         time.sleep(0.3)
-    assert process.wait(20) == 0
+    assert process.wait(60) == 0
     assert lights(out) == {number: number for number in range(6)}
     assert Session.open(out).complete
