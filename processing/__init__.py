@@ -57,8 +57,8 @@ Heights and meshes::
     read_geometry            read a mesh or a point cloud
     Geometry                 a mesh or a point cloud
 
-Namespaces: checks, colour, curvatures, detail, maps, meshes, near, noise, projection, recording,
-relight, stages, stereo, superres, surface, synthesis.
+Namespaces: changes, checks, colour, curvatures, detail, maps, merging, meshes, near, noise,
+projection, recording, registration, relight, stages, stereo, superres, surface, synthesis.
 """
 
 import lazy_loader

@@ -1,8 +1,10 @@
+from . import changes as changes
 from . import checks as checks
 from . import colour as colour
 from . import curvatures as curvatures
 from . import detail as detail
 from . import maps as maps
+from . import merging as merging
 from . import meshes as meshes
 from . import near as near
 from . import noise as noise

@@ -46,6 +46,7 @@ _TOP = (
     "curvature",
     "project",
     "compare",
+    "merge",
     "export",
     "relight",
     "simulate",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -60,8 +60,8 @@ class Registration:
     holds
         ``(H, W)`` bool, those of them around which the fine structure of both is alike or absent.
     drift
-        Smooth shifts in addition to the matrix, such as the parallax of a relief; None if they are
-        not significant.
+        Smooth shifts in addition to the matrix, such as the parallax of a relief; None if they were
+        not estimated, or are not significant.
     """
 
     matrix: Float64
@@ -130,6 +130,7 @@ def register_fields(
     *,
     model: PlaneModel = "similarity",
     start: Float64 | None = None,
+    drift: bool = False,
 ) -> Registration:
     """Find where the pixels of a field are in another field of the same object.
 
@@ -146,6 +147,8 @@ def register_fields(
         object that was tilted, or another lens.
     start
         ``(3, 3)`` first placement; default: by features.
+    drift
+        Whether smooth shifts that the model leaves are estimated, too.
 
     Raises
     ------
@@ -170,12 +173,13 @@ def register_fields(
     if model == "rigid":
         matrix[:2, :2] /= math.sqrt(abs(np.linalg.det(matrix[:2, :2])))
     made = _coarse_to_fine(first, second, matrix, model)
-    if made is None or not made[0].credible:
+    if made is None or not made.fit.credible:
         raise EstimateError(
             "the two fields have too little in common: their fine structure differs where they "
             "overlap"
         )
-    fit, drift = made
+    fit, size = made.fit, first.mask.shape
+    shifts = fit_drift(made.compared, made.target, fit, size) if drift else None
     common = _common(first, second, fit.matrix)
     if np.count_nonzero(common) < _FEWEST_COMMON:
         raise EstimateError(
@@ -195,12 +199,12 @@ def register_fields(
         math.sqrt(
             float(np.square(sigma).mean())
             + INTERPOLATION_PX**2
-            + (0 if drift is None else drift.sigma_px**2)
+            + (0 if shifts is None else shifts.sigma_px**2)
         ),
         fit.correlation,
         common,
         common,
-        drift,
+        shifts,
     )
     there = plain.resampled(second)
     tilted = replace(plain, rotation=in_plane @ _tilt(first, there))
@@ -231,10 +235,16 @@ def _by_features(first: Field, second: Field, model: PlaneModel) -> Float64:
         here, there = features_of(first, size), features_of(second, size)
 
 
+class _Fitted(NamedTuple):
+    fit: PlacementFit
+    compared: Comparison
+    target: Target
+
+
 def _coarse_to_fine(
     first: Field, second: Field, matrix: Float64, model: PlaneModel
-) -> tuple[PlacementFit, Drift | None] | None:
-    """Fit the placement in reduced images and then in the images, and what it leaves."""
+) -> _Fitted | None:
+    """Fit the placement in reduced images, and then in the images."""
     smallest = min(first.mask.shape + second.mask.shape)
     size = 4
     while size > 1 and smallest / size < _FEWEST_PX:
@@ -252,7 +262,7 @@ def _coarse_to_fine(
         if size == 1:
             if compared is None or fit is None:
                 return None
-            return fit, fit_drift(compared, target, fit, first.mask.shape)
+            return _Fitted(fit, compared, target)
         size //= 2
 
 

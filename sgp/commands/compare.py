@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from cyclopts import Parameter
+from cyclopts.validators import Number
 
 import acquisition
 import processing
 import rig
-from sgp.cli.options import Green, Input, OptionalInput, Pixels
+from processing.changes import find_changes
+from processing.registration import register_fields
+from sgp.cli.exit import UsageError
+from sgp.cli.options import Green, Input, OptionalInput, Pixels, Positive
 from sgp.results import CompareMetrics, Result, claim_folder, figures_of, writes_folder
-from sgp.stages import MapInput
+from sgp.stages import MapInput, add_changes, add_difference, read_field
 
 
 @writes_folder("compare.json")
@@ -20,6 +27,10 @@ def compare(
     b: Input,
     *,
     mask: OptionalInput = None,
+    register: bool = False,
+    significance: bool = False,
+    false_alarm: Annotated[float, Parameter(validator=Number(gt=0, lt=1))] = 0.05,
+    pixel_mm: Positive | None = None,
     green: Green = "up",
     out: Path | None = None,
     max_pixels: Pixels = rig.MAX_PIXELS,
@@ -28,10 +39,13 @@ def compare(
     """Compare two normal maps: angular error, SSIM, error map.
 
     All pixels of the mask count; a pixel without a normal in A counts as an error of 90 degrees.
+    With --register, A and B are results of the same object before and after, which may have been
+    moved and turned in between; --significance finds what has changed.
 
     For example:
 
         sgp compare out/normals truth.exr --mask mask.png --out comparison
+        sgp compare 2025 2026 --register --significance --out changes
 
     Parameters
     ----------
@@ -40,16 +54,42 @@ def compare(
     b
         Reference map.
     mask
-        Mask image of the pixels that count; default: all pixels with a normal in B.
+        Mask image of the pixels that count; default: all pixels with a normal in B. With
+        --register, of A.
+    register
+        Find where the pixels of A are in B, and show the differences B - A.
+    significance
+        With --register, find the differences that are no errors, with the smallest change that
+        would have been found.
+    false_alarm
+        Probability that --significance finds anything on the complete map if nothing has changed.
+    pixel_mm
+        Size of a pixel of A and B on the object in mm; default: that of the recordings.
     green
         Direction of the green channel in image files.
     out
-        Folder for error.exr, error.png and compare.json; without it, nothing is written.
+        Folder for error.exr, error.png and compare.json; without it, nothing is written. With
+        --register, for normals_deg.exr, albedo_factor.exr and difference.png instead; with
+        --significance also for changes.csv, changes.png, significant.png and the maps change_*.exr.
     max_pixels
         Refuse images with more pixels than this, before decoding them.
     force
         Write into an output folder that already contains files.
     """
+    if register:
+        return _registered(
+            a,
+            b,
+            mask=mask,
+            false_alarm=false_alarm if significance else None,
+            pixel_mm=pixel_mm,
+            green=green,
+            out=out,
+            max_pixels=max_pixels,
+        )
+    if significance or pixel_mm is not None:
+        option = "--significance" if significance else "--pixel-mm"
+        raise UsageError(f"{option} compares registered maps: give --register as well")
     first, second = (MapInput(path, green, max_pixels=max_pixels).read() for path in (a, b))
     counted = None if mask is None else acquisition.read_mask(mask, second.normal_map.size)
     error = processing.angular_error(first.normal_map, second.normal_map, counted)
@@ -87,6 +127,68 @@ def compare(
         title = f"{names}: mean {error.mae_deg:.2f} deg, coverage {error.coverage:.1%}"
         panel = map_panel(title, error.map_deg, "deg", error=True)
         write_overview(result.outputs["picture"], "Angular error", [panel], columns=1)
+    return result
+
+
+def _registered(
+    a: Path,
+    b: Path,
+    *,
+    mask: Path | None,
+    false_alarm: float | None,
+    pixel_mm: float | None,
+    green: Green,
+    out: Path | None,
+    max_pixels: int,
+) -> Result:
+    """Compare a field before and after; ``false_alarm`` is None without significance."""
+    if false_alarm is not None and out is None:
+        raise UsageError("--significance writes maps and a table: give --out")
+    before, after = (
+        read_field(path, green, pixel_mm=pixel_mm, max_pixels=max_pixels) for path in (a, b)
+    )
+    result = Result(
+        warnings=[*before.notices, *after.notices],
+        inputs=[*before.files, *after.files, *([] if mask is None else [mask])],
+    )
+    first = before.field
+    if mask is not None:
+        inside = acquisition.read_mask(mask, first.mask.shape) & first.mask
+        vectors = processing.NormalMap.from_vectors(first.normal_map.normals, inside)
+        first = replace(first, normal_map=vectors)
+    for path, one in ((a, before), (b, after)):
+        if false_alarm is not None and one.field.sigma_deg is None:
+            raise acquisition.DataError(
+                f"{path}: has no normal_sigma_deg.exr, so the significance of changes is not "
+                "known: compute the normals with `sgp normals` from 5 images at least, or leave "
+                "--significance out"
+            )
+    scales = before.pixel_mm, after.pixel_mm
+    if (scales[0] is None) != (scales[1] is None):
+        unknown = a if scales[0] is None else b
+        raise acquisition.DataError(
+            f"{unknown}: its scale is not known, but that of the other map is: give --pixel-mm"
+        )
+    registration = register_fields(first, after.field, model="homography")
+    there = registration.resampled(after.field)
+    if out is not None:
+        claim_folder(out, "compare.json")
+    found = None
+    if false_alarm is not None:
+        blurs = [one.blur_px for one in (before, after) if one.blur_px is not None]
+        blur = {"blur_px": max(blurs)} if blurs else {}
+        found = find_changes(first, there, registration.common, false_alarm=false_alarm, **blur)
+    metrics = add_difference(result, first, there, registration, scales[0], out)
+    if found is not None and out is not None:
+        add_changes(result, metrics, found, scales[0], out)
+    result.metrics = metrics
+    lost = np.count_nonzero(registration.common & ~registration.holds)
+    if lost:
+        text = (
+            f"the fine structure of {lost / np.count_nonzero(registration.common):.1%} of the "
+            "common area differs: it has changed there, or the registration does not hold"
+        )
+        result.warnings.append(rig.Notice("registration-doubtful", text))
     return result
 
 

@@ -16,14 +16,19 @@ from .metrics import CompareMetrics as CompareMetrics
 from .metrics import DemoMetrics as DemoMetrics
 from .metrics import ErrorMetrics as ErrorMetrics
 from .metrics import ExportMetrics as ExportMetrics
+from .metrics import FieldMetrics as FieldMetrics
+from .metrics import FieldPairMetrics as FieldPairMetrics
 from .metrics import FillMetrics as FillMetrics
 from .metrics import FlatMetrics as FlatMetrics
 from .metrics import HeightProfileMetrics as HeightProfileMetrics
 from .metrics import IntensitiesMetrics as IntensitiesMetrics
+from .metrics import LevelMetrics as LevelMetrics
 from .metrics import LightDifferenceMetrics as LightDifferenceMetrics
 from .metrics import LikenessMetrics as LikenessMetrics
+from .metrics import MergeMetrics as MergeMetrics
 from .metrics import ProjectMetrics as ProjectMetrics
 from .metrics import PropertiesMetrics as PropertiesMetrics
+from .metrics import RegisteredMetrics as RegisteredMetrics
 from .metrics import RelightMetrics as RelightMetrics
 from .metrics import ReportMetrics as ReportMetrics
 from .metrics import RotationSimilarityMetrics as RotationSimilarityMetrics
@@ -53,6 +58,7 @@ from .output import write_record as write_record
 from .output import writes_folder as writes_folder
 from .quality import add_quality as add_quality
 from .quality import add_uncertainty as add_uncertainty
+from .quality import median_of as median_of
 from .quality import quality_lines as quality_lines
 from .quality import sigma_lines as sigma_lines
 from .record import ResultRecord as ResultRecord

@@ -995,6 +995,168 @@ class CompareMetrics(TypedDict):
     ssim_paper: float
 
 
+class FieldMetrics(TypedDict):
+    """Figures of a field of view that was joined with others.
+
+    Parameters
+    ----------
+    field
+        its folder
+    column_px : px
+        column of its middle in the whole
+    row_px : px
+        row of its middle in the whole
+    turn_deg : deg
+        angle from right to down by which it is turned in the whole
+    tilt_deg : deg
+        angle by which its normals were tilted; 0 if the overlaps show no tilt
+    albedo_gain : 1
+        factor by which its albedo was multiplied; the geometric mean of all is 1
+    """
+
+    field: str
+    column_px: float
+    row_px: float
+    turn_deg: float
+    tilt_deg: float
+    albedo_gain: float
+
+
+class FieldPairMetrics(TypedDict):
+    """Figures of two fields that show a common area.
+
+    Parameters
+    ----------
+    first
+        folder of a field
+    second
+        folder of the other one
+    used
+        false if the pair contradicts the others
+    common_px : px
+        size of the common area
+    correlation : 0..1
+        of the fine structure in the common area
+    residual_px : px
+        rms distance of their pixels after the placements of all fields were adjusted
+    deviations : 1
+        the same in standard deviations of the registration
+    disagreement : 1
+        rms difference of the normals in their standard deviations; null if those are not known
+    """
+
+    first: str
+    second: str
+    used: bool
+    common_px: int
+    correlation: float
+    residual_px: NotRequired[float]
+    deviations: NotRequired[float]
+    disagreement: NotRequired[float | None]
+
+
+class MergeMetrics(TypedDict):
+    """Figures of fields that were joined.
+
+    Parameters
+    ----------
+    pixels : px
+        pixels with a normal
+    overlap : 0..1
+        share of them that several fields show
+    residual_px : px
+        rms distance of the pixels of overlapping fields after the adjustment
+    fields
+        where each field is
+    pairs
+        the pairs of fields
+    normal_sigma_deg : deg
+        median of the standard deviations of the normals; null if they are not known
+    normal_sigma_common_deg : deg
+        the part of them that all pixels have in common, the largest of the fields
+    pixel_mm : mm
+        size of a pixel, if the records of the fields state it
+    """
+
+    pixels: int
+    overlap: float
+    residual_px: float
+    fields: list[FieldMetrics]
+    pairs: list[FieldPairMetrics]
+    normal_sigma_deg: float | None
+    normal_sigma_common_deg: float
+    pixel_mm: NotRequired[float]
+
+
+class LevelMetrics(TypedDict):
+    """The smallest change of a surface that would have been found with 95 %.
+
+    Parameters
+    ----------
+    width : mm or px
+        full width at half depth; the diameter of a spot
+    scratch : mm or px
+        depth of a scratch of 20 pixels or more in length, at a usual place
+    scratch_worst : mm or px
+        the same at all but 5 % of the places
+    spot : mm or px
+        depth of a round spot, at a usual place
+    spot_worst : mm or px
+        the same at all but 5 % of the places
+    """
+
+    width: float
+    scratch: float | None
+    scratch_worst: float | None
+    spot: float | None
+    spot_worst: float | None
+
+
+class RegisteredMetrics(TypedDict):
+    """Figures of a comparison of two registered normal maps, `sgp compare --register`.
+
+    Parameters
+    ----------
+    shift_px : px
+        from the middle of the common area to its place in the second map: right, down
+    turn_deg : deg
+        turn of the second map in the plane, counterclockwise as seen
+    tilt_deg : deg
+        tilt of the second map in space
+    registration_sigma_px : px
+        standard deviation of a position
+    correlation : up to 1
+        correlation of the fine structure
+    common : 0..1
+        share of the first map that both show
+    median_deg : deg
+        median angle between registered normals
+    unit
+        `mm`, or `px` without a scale
+    changes
+        `--significance`: significant changes
+    false_alarm : 0..1
+        `--significance`: probability that a map without a change has one
+    threshold : 1
+        `--significance`: deviations above which a change is significant
+    levels
+        `--significance`: the smallest changes that would have been found
+    """
+
+    shift_px: tuple[float, float]
+    turn_deg: float
+    tilt_deg: float
+    registration_sigma_px: float
+    correlation: float
+    common: float
+    median_deg: float
+    unit: Literal["mm", "px"]
+    changes: NotRequired[int]
+    false_alarm: NotRequired[float]
+    threshold: NotRequired[float]
+    levels: NotRequired[list[LevelMetrics]]
+
+
 class ExportMetrics(TypedDict):
     """Figures of an export of a session.
 
@@ -1133,7 +1295,8 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp detail superres": (SuperresMetrics,),
     "sgp detail train": (TrainMetrics,),
     "sgp project": (ProjectMetrics,),
-    "sgp compare": (CompareMetrics,),
+    "sgp compare": (CompareMetrics, RegisteredMetrics),
+    "sgp merge": (MergeMetrics,),
     "sgp export": (RtiMetrics,),
     "sgp relight": (RelightMetrics,),
     "sgp capture export": (ExportMetrics,),

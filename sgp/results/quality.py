@@ -63,10 +63,10 @@ _READ = 32_000_000
 
 def add_uncertainty(metrics: NormalsMetrics, stage: processing.Reconstruction) -> None:
     """Add the medians of the standard deviations, and the shares of the kinds of samples."""
-    metrics["normal_sigma_deg"] = _median(stage.maps["normal_sigma_deg"])
+    metrics["normal_sigma_deg"] = median_of(stage.maps["normal_sigma_deg"])
     if stage.blur is not None and stage.blur.shown:
         metrics["lens_blur_px"] = stage.blur.sigma_px
-    metrics["normal_sigma_common_deg"] = _median(stage.maps["normal_sigma_common_deg"])
+    metrics["normal_sigma_common_deg"] = median_of(stage.maps["normal_sigma_common_deg"])
     metrics["noise_from"] = stage.noise
     metrics["neighbour_correlation"] = stage.neighbour_correlation
     totals = {name: _total(stage.maps[f"samples_{name}"]) for name in SampleShares.__annotations__}
@@ -94,7 +94,7 @@ def _total(values: acquisition.MapRows) -> int:
     return sum(int(values[rows].sum(dtype=np.int64)) for rows in _bands(values))
 
 
-def _median(values: acquisition.MapRows) -> float:
+def median_of(values: acquisition.MapRows) -> float:
     """Return the median of the finite values, of which one copy is in memory."""
     parts = (values[rows] for rows in _bands(values))
     finite = np.concatenate([part[np.isfinite(part)] for part in parts])

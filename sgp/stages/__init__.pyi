@@ -1,3 +1,5 @@
+from .fields import FieldResult as FieldResult
+from .fields import open_fields as open_fields
 from .given_camera import camera_notices as camera_notices
 from .given_normals import with_remedy as with_remedy
 from .guidance import GuidanceOptions as GuidanceOptions
@@ -14,6 +16,8 @@ from .options import MapOptions as MapOptions
 from .options import RelightOptions as RelightOptions
 from .options import SeparationOptions as SeparationOptions
 from .options import SurfaceOptions as SurfaceOptions
+from .read_field import FieldInput as FieldInput
+from .read_field import read_field as read_field
 from .recording import Stopwatch as Stopwatch
 from .recording import compute_normals as compute_normals
 from .recording import not_used as not_used
@@ -42,6 +46,8 @@ from .surface_maps import SurfaceWay as SurfaceWay
 from .surface_maps import integrated as integrated
 from .write import write_normals_stage as write_normals_stage
 from .write import write_separation as write_separation
+from .write_changes import add_changes as add_changes
+from .write_changes import add_difference as add_difference
 from .write_profile import write_height_profile as write_height_profile
 from .write_superres import measure_superres as measure_superres
 from .write_superres import write_superres_maps as write_superres_maps

@@ -104,7 +104,7 @@ PERSPECTIVE = turned(10) @ np.array([[1, 0.01, 0], [0, 1.02, 0], [5e-5, -4e-5, 1
 @pytest.mark.parametrize("paint", [True, False], ids=["paint", "bare"])
 def test_a_placement_is_found(place: Float64, model: PlaneModel, paint: bool) -> None:
     first, second = field_at(np.eye(3), paint=paint), field_at(place, paint=paint)
-    found = register_fields(first, second, model=model)
+    found = register_fields(first, second, model=model, drift=True)
     # A perspective view also has other slopes.
     most = 0.05 if model == "homography" else 0.02
     error = error_px(found, np.linalg.inv(place))
@@ -136,7 +136,7 @@ def test_a_tilt_turns_the_normals() -> None:
 @cases("bent_px", {"little": 0.1, "much": 0.5})
 def test_a_smooth_drift_is_found(bent_px: float) -> None:
     first, second = field_at(np.eye(3)), field_at(turned(20), bent_px=bent_px)
-    found = register_fields(first, second, model="rigid")
+    found = register_fields(first, second, model="rigid", drift=True)
     assert found.drift is not None
     # Positions of the first that each pixel of the second shows.
     rows, columns = (one[30:-30, 30:-30].astype(float) for one in np.mgrid[: SIZE[0], : SIZE[1]])

@@ -65,6 +65,7 @@ def test_sources_that_image_libraries_cannot_open(sgp, recording, place, as_json
             ("curvature", source, "--out", out),
             ("export", source, "--out", out),
             ("compare", source, source),
+            ("merge", source, "--out", out),
             ("detail", "separate", source, "--out", out),
             ("project", source, "--out", out),
             ("capture", "verify", source),

@@ -1,0 +1,6 @@
+"""Changes: what differs between two recordings of a surface, and what is only an error."""
+
+import lazy_loader
+
+# The names are listed in __init__.pyi; each is loaded when it is first used.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,120 @@
+"""`sgp compare --register --significance`: one object before and after."""
+
+import csv
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from acquisition import read_image, write_exr
+from processing import NormalMap, write_normals
+
+SIZE = 200, 260
+SIGMA = 0.004
+
+
+def surface(seed):
+    noise = np.random.default_rng(seed).normal(size=SIZE)
+    return 12 * cv2.GaussianBlur(noise, (0, 0), 3)
+
+
+def write(folder, height, seed, *, sigma=True):
+    """Write a result with the normals of heights in pixels."""
+    down, right = np.gradient(height)
+    noise = np.random.default_rng([seed, 9]).normal(0, SIGMA, (*SIZE, 2))
+    normals = np.dstack([noise[..., 0] - right, noise[..., 1] + down, np.ones(SIZE)])
+    write_normals(folder, NormalMap.from_vectors(normals))
+    if sigma:
+        deviations = np.full(SIZE, np.degrees(SIGMA * np.sqrt(2)), np.float32)
+        write_exr(folder / "normal_sigma_deg.exr", deviations)
+    return folder
+
+
+@pytest.fixture
+def recorded(tmp_path):
+    """Results before, after without and with a loss, of another object, and without error bars."""
+    still = surface(1)
+    rows, columns = np.mgrid[: SIZE[0], : SIZE[1]]
+    loss = 0.3 * np.exp(-0.5 * ((rows - 80) ** 2 + (columns - 150) ** 2) / 2.5**2)
+    write(tmp_path / "before", still, 1)
+    write(tmp_path / "same", still, 2)
+    # Moved to the right by three pixels.
+    write(tmp_path / "lost", np.roll(still - loss, 3, axis=1), 3)
+    write(tmp_path / "other", surface(5), 4)
+    write(tmp_path / "mirrored", still[:, ::-1], 6)
+    write(tmp_path / "bare", still, 5, sigma=False)
+    return tmp_path
+
+
+def compare(sgp, folder, after, *words):
+    names = folder / "before", folder / after
+    return sgp("compare", *names, "--register", *words, "--out", folder / "out")
+
+
+def test_a_loss_is_found_with_place_and_depth(sgp, recorded):
+    compare(sgp, recorded, "lost", "--significance", "--pixel-mm", "0.05").ok()
+    out = recorded / "out"
+    with (out / "changes.csv").open() as file:
+        (row,) = csv.DictReader(file)
+    assert (float(row["column_px"]), float(row["row_px"])) == pytest.approx((150, 80), abs=2)
+    assert float(row["x_mm"]) == pytest.approx(0.05 * (150 - 129.5), abs=0.1)
+    assert float(row["y_mm"]) == pytest.approx(0.05 * (99.5 - 80), abs=0.1)
+    height, sigma = float(row["height_mm"]), float(row["height_sigma_mm"])
+    assert abs(height + 0.3 * 0.05) < 2 * sigma < 0.006
+    assert read_image(out / "change_height.exr")[80, 150] == pytest.approx(-0.015, rel=0.3)
+    record = json.loads((out / "compare.json").read_text())
+    metrics = record["metrics"]
+    assert metrics["shift_px"] == pytest.approx([3, 0], abs=0.05)
+    assert metrics["changes"] == 1
+    assert metrics["unit"] == "mm"
+    assert set(record["outputs"].values()) == {path.name for path in out.iterdir()} - {
+        "compare.json"
+    }
+
+
+def test_no_change_is_stated_with_what_would_have_been_found(sgp, recorded):
+    answer = compare(sgp, recorded, "same", "--significance").ok()
+    assert "changes       none significant" in answer.out
+    assert answer.out.count("would have been found with 95 %") == 4
+    assert (recorded / "out" / "changes.csv").read_text().startswith("number,kind,column_px")
+    assert not read_image(recorded / "out" / "significant.png").any()
+
+
+def test_without_error_bars_only_the_difference_is_shown(sgp, recorded):
+    compare(sgp, recorded, "bare").ok()
+    assert {path.name for path in (recorded / "out").iterdir()} == {
+        "compare.json",
+        "difference.png",
+        "normals_deg.exr",
+    }
+
+
+@pytest.mark.parametrize(
+    ("after", "words", "code", "message"),
+    [
+        ("bare", ["--significance"], 4, "no normal_sigma_deg.exr"),
+        ("other", ["--significance"], 5, "nothing in common"),
+        ("mirrored", ["--significance"], 5, "mirrored"),
+    ],
+)
+def test_fields_that_cannot_be_compared(sgp, recorded, after, words, code, message):
+    answer = compare(sgp, recorded, after, *words)
+    assert answer.code == code
+    assert message in answer.err
+    assert not (recorded / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--significance"], "--significance compares registered maps"),
+        (["--pixel-mm", "1"], "--pixel-mm compares registered maps"),
+        (["--register", "--significance"], "give --out"),
+        (["--register", "--false-alarm", "1.5"], "--false-alarm"),
+    ],
+)
+def test_options_that_do_not_fit(sgp, recorded, words, message):
+    answer = sgp("compare", recorded / "before", recorded / "same", *words)
+    assert answer.code == 2
+    assert message in answer.err

@@ -1,0 +1,121 @@
+"""The command that joins fields, on results of a relief that was cut into overlapping fields."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from acquisition import read_image, write_exr
+from benchmarks.relief_fields import View, relief, seen, write_field
+from tests.sgp.in_bands import CTRL_C, check_equal, interrupted
+
+SIZE = (150, 180)
+VIEWS = (View(130, 120, 0.03), View(255, 115, -0.04), View(128, 228, 1.6), View(250, 222, 3.0))
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with results A to D of overlapping fields, and X of another object."""
+    folder = tmp_path_factory.mktemp("fields")
+    whole = relief((350, 390), 43)
+    for number, view in enumerate(VIEWS):
+        write_field(folder / "ABCD"[number], seen(whole, view, SIZE, number)[0], pixel_mm=0.05)
+    write_field(folder / "X", seen(relief((350, 390), 78), VIEWS[0], SIZE, 9)[0])
+    return folder
+
+
+@pytest.fixture
+def place(made: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    shutil.copytree(made, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_a_whole(sgp, place: Path) -> None:
+    figures = sgp("merge", *"ABCD", "--out", "whole", "--json").figures()
+    assert [field["field"] for field in figures["fields"]] == [*"ABCD"]
+    assert figures["residual_px"] < 0.1
+    assert figures["pixel_mm"] == 0.05
+    assert all(pair["used"] for pair in figures["pairs"])
+    turns = [field["turn_deg"] for field in figures["fields"]]
+    np.testing.assert_allclose(turns, np.degrees([view.turn - 0.03 for view in VIEWS]), atol=0.1)
+    assert {path.name for path in (place / "whole").iterdir()} == {
+        "albedo.exr",
+        "albedo.png",
+        "fields.png",
+        "mask.png",
+        "merge.json",
+        "merge.png",
+        "normal_sigma_deg.exr",
+        "normals.exr",
+        "normals.png",
+    }
+    sigma = ("--sigma", "whole/normal_sigma_deg.exr")
+    sgp("surface", "whole", *sigma, "--albedo", "whole/albedo.exr", "--out", "surface").ok()
+    assert sgp("compare", "whole", "whole", "--json").figures()["mae_deg"] < 0.01
+    sgp("verify", "whole").ok()
+
+
+def test_an_interrupted_merge_continues_in_bands(sgp, bands, place: Path, monkeypatch) -> None:
+    """In files and in memory, the whole is the same."""
+    monkeypatch.setattr("processing.merging.fusion._ROWS", 64)
+    words = ("merge", *"ABC", "--out")
+    sgp(*words, "one").ok()
+    message = sgp(*words, "two", "--memory", "1M").error_line(2)
+    least = message.partition("at least --memory ")[2].strip()
+    error, code = CTRL_C
+    with interrupted(error, after=2):
+        assert sgp(*words, "two", "--memory", least).code == code
+    assert len(bands) == 2
+    sgp(*words, "two", "--memory", least).ok()
+    assert [units.start for _, units in bands] == [0, 1, 2, 3, 4]
+    check_equal(place / "two", place / "one")
+
+
+def test_fields_without_standard_deviations(sgp, place: Path) -> None:
+    record = place / "B" / "normals.json"
+    content = json.loads(record.read_text())
+    del content["metrics"]["normal_sigma_deg"]
+    record.write_text(json.dumps(content))
+    answer = sgp("merge", *"AB", "--out", "whole", "--json")
+    assert answer.codes() == ["fields-without-sigma"]
+    assert answer.figures()["normal_sigma_deg"] is None
+    assert np.isnan(read_image(place / "whole" / "normal_sigma_deg.exr")).all()
+
+
+def test_fields_that_disagree(sgp, place: Path) -> None:
+    for name in "AB":
+        file = place / name / "normal_sigma_deg.exr"
+        write_exr(file, read_image(file) / 4)
+    answer = sgp("merge", *"AB", "--out", "whole", "--json")
+    assert answer.codes() == ["fields-disagree"]
+    assert answer.figures()["pairs"][0]["disagreement"] == pytest.approx(4, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "message"),
+    [
+        ("A X", 5, "A and X have nothing in common"),
+        ("A B C X", 5, "X shows nothing of what the other fields show"),
+        ("A", 4, "give at least two fields"),
+        ("A B A", 2, "A is given twice"),
+        ("A B empty", 2, "empty: has neither normals.json"),
+        ("A B nowhere", 2, "nowhere: no such file or folder"),
+        ("A B unscaled", 4, "pixels of 0.05 mm and unscaled of 0.1 mm"),
+        ("A B cut", 2, "cut: has no normals.exr"),
+        ("A B --max-pixels 40000", 4, "the whole has"),
+    ],
+)
+def test_bad_input(sgp, place: Path, words: str, code: int, message: str) -> None:
+    (place / "empty").mkdir()
+    shutil.copytree(place / "C", place / "cut")
+    (place / "cut" / "normals.exr").unlink()
+    shutil.copytree(place / "C", place / "unscaled")
+    record = place / "unscaled" / "normals.json"
+    record.write_text(record.read_text().replace('"pixel_mm": 0.05', '"pixel_mm": 0.1'))
+    assert message in sgp("merge", *words.split(), "--out", "out").error_line(code)
+    assert not (place / "out").exists()
