@@ -27,6 +27,7 @@ _COMPANIONS: Final = {
     "sgp curvature": {"normals": "Normals"},
     "sgp surface": {"normals": "Normals"},
     "sgp compare": {"a": "First map", "b": "Second map"},
+    "sgp compare --register": {"a": "Before"},
 }
 # By command: outputs that the picture of the result does not show.
 _OWN: Final = {"sgp detail separate": {"shape": "Shape component"}}
@@ -47,7 +48,8 @@ def companions(
     """
     inputs = Inputs(folder)
     for name, record in folder.records.items():
-        for parameter, title in _COMPANIONS.get(record.command, {}).items():
+        command = "sgp compare --register" if is_change(record) else record.command
+        for parameter, title in _COMPANIONS.get(command, {}).items():
             if title == "Normals" and folder.file("normals.exr"):
                 continue
             named = record.parameters.get(parameter)
@@ -64,6 +66,11 @@ def companions(
             if output in record.outputs:
                 path = (folder.path / name).parent / record.outputs[output]
                 yield from _read(title, path, "up", max_pixels, notices)
+
+
+def is_change(record: ResultRecord) -> bool:
+    """Return whether a result is the normals after a change, on the pixels of those before."""
+    return record.command == "sgp compare" and record.parameters.get("register") is True
 
 
 def _read(
