@@ -10,15 +10,15 @@ from typing import Any, Final
 import rig
 from sgp.report.folder import ResultFolder
 from sgp.report.html import Html, tag
-from sgp.report.source_maps import is_change
+from sgp.report.source_maps import change_of
 
 _MOST_ROWS: Final = 400
 
 
 def changes_section(folder: ResultFolder) -> Sequence[Html]:
     """Return the significant changes of a registered comparison; nothing for other results."""
-    record = folder.main
-    if record is None or not is_change(record):
+    record = change_of(folder)
+    if record is None:
         return ()
     figures: Any = record.metrics
     count, levels, unit = figures.get("changes"), figures.get("levels"), figures.get("unit")

@@ -47,8 +47,9 @@ def companions(
     Maps of its own that its picture does not show follow.
     """
     inputs = Inputs(folder)
+    change = change_of(folder)
     for name, record in folder.records.items():
-        command = "sgp compare --register" if is_change(record) else record.command
+        command = "sgp compare --register" if record is change else record.command
         for parameter, title in _COMPANIONS.get(command, {}).items():
             if title == "Normals" and folder.file("normals.exr"):
                 continue
@@ -68,9 +69,12 @@ def companions(
                 yield from _read(title, path, "up", max_pixels, notices)
 
 
-def is_change(record: ResultRecord) -> bool:
-    """Return whether a result is the normals after a change, on the pixels of those before."""
-    return record.command == "sgp compare" and record.parameters.get("register") is True
+def change_of(folder: ResultFolder) -> ResultRecord | None:
+    """Return the record if the maps are those after a change, on the pixels of those before."""
+    record = folder.main
+    if record is None or record.command != "sgp compare":
+        return None
+    return record if record.parameters.get("register") is True else None
 
 
 def _read(
