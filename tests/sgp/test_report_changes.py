@@ -81,7 +81,7 @@ def test_the_divider_shows_before_and_after_registered(sgp, browser, recorded): 
     browser.until("document.querySelector('.status').textContent.includes('180°')")
     assert browser.value("document.querySelector('.divider').getClientRects().length") == 1
     names = browser.value("[...document.querySelectorAll('.stage .name')].map((e) => e.innerText)")
-    assert names == ["Before: before – Shaded, no albedo", "After: lost – Shaded, no albedo"]
+    assert [name.split()[:2] for name in names] == [["Before:", "before"], ["After:", "lost"]]
     browser.value(FRAME)
     outlined = at_map(pixels(browser), maps.size)[..., :3].astype(int)
     browser.value(
@@ -107,7 +107,7 @@ def test_the_divider_shows_before_and_after_registered(sgp, browser, recorded): 
     assert step[column - 4 : column].mean() < -2
     assert step[column + 1 : column + 5].mean() > 2
     # The outline goes around the loss.
-    line = np.argwhere((np.abs(outlined - found).max(axis=2) > 20))
+    line = np.argwhere(np.abs(outlined - found).max(axis=2) > 20)
     assert len(line) > 20
     assert np.abs(line.mean(axis=0) - (row, column)).max() < 3
     assert np.hypot(*(line - (row, column)).T).min() > 3
