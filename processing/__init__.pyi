@@ -10,6 +10,7 @@ from . import near as near
 from . import noise as noise
 from . import projection as projection
 from . import recording as recording
+from . import registration as registration
 from . import relight as relight
 from . import stages as stages
 from . import stereo as stereo

@@ -18,7 +18,7 @@ BUDGET = {
     "rig": (4250, 48, 69),
     "acquisition": (15900, 66, 158),
     "calibration": (10240, 30, 87),
-    "processing": (25400, 63, 229),
+    "processing": (25400, 64, 229),
     "simulator": (9050, 28, 77),
     "sgp": (16760, 0, 165),
 }
