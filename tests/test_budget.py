@@ -20,7 +20,7 @@ BUDGET = {
     "calibration": (10240, 30, 87),
     "processing": (25400, 63, 229),
     "simulator": (9050, 28, 77),
-    "sgp": (16650, 0, 164),
+    "sgp": (16760, 0, 165),
 }
 WORDS_OF_DOCUMENTS = 60500
 # Numbers of calibration/spheres that were chosen, not derived.

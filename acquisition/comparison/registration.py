@@ -267,12 +267,13 @@ class _Equations:
 def _spread(left: Float32, valid: Bool, classes: UInt8) -> Float64:
     """Return the robust standard deviation of residuals for each class of brightness."""
     residuals, of = np.abs(left[valid]), classes[valid]
-    ordered = np.lexsort((residuals, of))
-    ends = np.searchsorted(of[ordered], np.arange(_CLASSES + 1))
-    middles = (ends[:-1] + ends[1:]) // 2
-    spread = np.where(np.diff(ends) > 0, residuals[ordered][middles.clip(0, len(of) - 1)], np.nan)
-    spread = 1.4826 * spread.astype(np.float64)
-    return np.nan_to_num(spread, nan=float(np.nanmax(spread)))
+    spread = np.full(_CLASSES, np.nan)
+    for number in range(_CLASSES):
+        own = residuals[of == number]
+        if own.size:
+            spread[number] = np.partition(own, own.size // 2)[own.size // 2]
+    spread *= 1.4826
+    return np.asarray(np.nan_to_num(spread, nan=float(np.nanmax(spread))))
 
 
 def _slopes(light: Float32) -> Float32:

@@ -20,11 +20,6 @@ AlignChoice = Literal["auto", "off", "always"]
 # Shifts that are corrected by default, and those that are left as they are.
 _SHIFTED_PX: Final = 0.15
 _LEFT_PX: Final = 0.05
-# What the model does not explain must become less by this factor. If the lights explain so much of
-# the shifts, they are probably errors of lights, curve or room light, and must explain more.
-_BETTER: Final = 0.5
-_FOLLOW: Final = 0.75
-_CLEAR: Final = 0.25
 # Below this, a first look is enough.
 _STILL_PX: Final = 0.1
 
@@ -84,10 +79,8 @@ def find_alignment(
         if forced:
             raise
         return nothing
-    if not found.significant(_LEFT_PX if forced else _SHIFTED_PX).any():
-        return nothing
-    follows = found.follow(lights.unit_directions) > _FOLLOW
-    if not forced and found.left > (_CLEAR if follows else _BETTER):
+    least_px = _LEFT_PX if forced else _SHIFTED_PX
+    if not found.significant(least_px).any() or not (forced or found.real):
         return nothing
     moved = np.hypot(*found.shifts_px.T) > _LEFT_PX
     shifts = {

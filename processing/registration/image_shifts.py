@@ -14,7 +14,7 @@ from calibration import EstimateError
 from calibration.radiance import Shift
 from processing.images.block_means import block_mean
 from processing.images.recorded_images import Images
-from processing.registration.shift_fit import MARGIN, Patches, first_step, fit_shifts
+from processing.registration.shift_fit import MARGIN, Patches, first_look, fit_shifts
 from rig.arrays import Bool, Float32, Float64, Intp
 from rig.messages import short_repr
 
@@ -30,6 +30,10 @@ _BESIDE_SHADOWS: Final = 5
 _STEPS: Final = (12, 6)
 # Largest step at a coarse scale, in its pixels, of images that stand still.
 _STILL: Final = 0.2
+# Share by which shifts of a pixel or more must lower the cost, and smaller ones in proportion. Real
+# ones lower it more (0.5 for 1 px, 0.13 for 0.25 px); those that errors of lights, curve or room
+# light imitate less (0.22 for 2.7 px, 0.13 for 0.56 px).
+_LEAST_GAIN: Final = 0.3
 # Error of shifts where the model explains nothing, and the least share that it must explain: on a
 # bare hemisphere 0.2 px and 0.43, on objects with structure up to 0.03 px and from 0.7 on.
 _BIAS_PX: Final = 0.4
@@ -61,8 +65,9 @@ class ImageShifts:
         little structure besides shadows and highlights, and the shifts are not determined.
     contrast
         Fine structure of the object relative to the light. Smooth objects have below 0.02.
-    left
-        What the model does not explain, relative to the same without shifts.
+    gain
+        Share by which the shifts lower the cost of the fit (a robust sum of squares of what the
+        model leaves): about 0 if nothing moved, or if errors of the model imitate shifts.
     size_px
         Size of the object.
     """
@@ -71,7 +76,7 @@ class ImageShifts:
     sigma_px: Float64
     explained: float
     contrast: float
-    left: float
+    gain: float
     size_px: float
 
     __repr__ = short_repr
@@ -87,24 +92,10 @@ class ImageShifts:
         structured = self.explained > _LEAST_EXPLAINED and self.contrast > _LEAST_CONTRAST
         return structured and self.largest_px < _MOST_SHIFT * self.size_px
 
-    def follow(self, directions: Float64) -> float:
-        """Return the share of the shifts ``(N, 2)`` that light directions ``(N, 3)`` explain.
-
-        Errors of the model, such as those of room light or a transfer curve, imitate shifts that
-        are linear in the direction of the light. A camera knows nothing of the light.
-        """
-        count = len(directions)
-        basis, strength, _ = np.linalg.svd(
-            np.column_stack([np.ones(count), directions]), full_matrices=False
-        )
-        basis = basis[:, strength > 1e-6 * strength[0]]
-        free = count - basis.shape[1]
-        if free < 1:
-            return 1.0
-        centred = self.shifts_px - self.shifts_px.mean(axis=0)
-        left = centred - basis @ (basis.T @ centred)
-        total = float((centred**2).sum()) / (count - 1)
-        return 1.0 if total == 0 else 1 - float((left**2).sum()) / free / total
+    @property
+    def real(self) -> bool:
+        """Whether the shifts lower the cost as much as those of images that moved."""
+        return _real(self.gain, self.largest_px)
 
     def significant(self, least_px: float) -> Bool:
         """Return which images are shifted by more than a distance, and surely."""
@@ -181,9 +172,13 @@ def find_image_shifts(
         raise EstimateError("the object is too thin to find shifts of its images")
     if least_px > 0:
         tiles = _tiles_of(images, mask, corners, side, still, vectors_at)
-        seen = [np.abs(first_step(one)).max() for one in (level(coarsest), level(1), tiles)]
-        if all(step < most for step, most in zip(seen, (_STILL, _STILL, least_px), strict=True)):
-            return ImageShifts(still, np.full((count, 2), least_px), 1.0, 1.0, 1.0, math.sqrt(area))
+        looks = [first_look(one) for one in (level(coarsest), level(1), tiles)]
+        moved = [
+            np.abs(look.step).max() > most and _real(look.gain, float(np.abs(look.step).max()))
+            for look, most in zip(looks, (_STILL, _STILL, least_px), strict=True)
+        ]
+        if not any(moved):
+            return ImageShifts(still, np.full((count, 2), least_px), 1.0, 1.0, 0.0, math.sqrt(area))
     by_energy = _by_energy(blocks) * first
     shifts, size = by_energy, coarsest
     while size >= 1:
@@ -200,15 +195,18 @@ def find_image_shifts(
     by_model = _BIAS_PX * (1 - fit.explained) ** 2
     sigma = np.sqrt(np.maximum(np.diag(fit.covariance), 0) + by_model**2).reshape(count, 2)
     unmoved = _tiles_of(images, mask, corners, side, still, vectors_at)
-    before = fit_shifts(unmoved, [still], 0).explained
     return ImageShifts(
         shifts - np.median(shifts, axis=0),
         sigma,
         fit.explained,
         fit.contrast,
-        (1 - fit.explained) / max(1 - before, 1e-9),
+        fit.gain(unmoved),
         math.sqrt(area),
     )
+
+
+def _real(gain: float, largest_px: float) -> bool:
+    return gain > _LEAST_GAIN * min(1.0, largest_px)
 
 
 def _by_energy(blocks: list[Float32]) -> Float64:

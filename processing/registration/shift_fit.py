@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
@@ -27,8 +27,9 @@ MARGIN: Final = 14
 # Darker samples, relative to the brightest of their pixel, are probably in shadow.
 _DARK: Final = 0.1
 _TUNING: Final = 2.0
-_MOST_PIXELS: Final = 12_000
-_FIRST_PIXELS: Final = 4_000
+# Samples of all images; with more images, fewer pixels are enough.
+_MOST_SAMPLES: Final = 144_000
+_FIRST_SAMPLES: Final = 48_000
 # Prior of shifts in pixels of the full images, and of relative strengths.
 _PRIOR_PX: Final = 40.0
 _PRIOR_GAIN: Final = 0.3
@@ -80,12 +81,22 @@ class ShiftFit:
         Share of the fine structure that the model explains.
     contrast
         Fine structure relative to the light.
+    state
+        The problem at these shifts.
     """
 
     shifts: Float64
     covariance: Float64
     explained: float
     contrast: float
+    state: _State
+
+    def gain(self, unmoved: Patches) -> float:
+        """Return the share by which the cost is lower than that of images as they are."""
+        state = self.state
+        vectors, still = unmoved.vectors(state.pixels), np.zeros_like(self.shifts)
+        before = _linearized(unmoved, state.pixels, vectors, still, state.scale)
+        return 1 - state.cost / max(before.cost, 1e-300)
 
 
 def fit_shifts(patches: Patches, starts: Sequence[Float64], steps: int) -> ShiftFit:
@@ -100,7 +111,7 @@ def fit_shifts(patches: Patches, starts: Sequence[Float64], steps: int) -> Shift
     steps
         Largest number of steps from each.
     """
-    pixels = _strongest(patches, _MOST_PIXELS)
+    pixels = _strongest(patches, _MOST_SAMPLES // len(patches.values))
     vectors = patches.vectors(pixels)
     fits = []
     scale = None
@@ -121,20 +132,33 @@ def fit_shifts(patches: Patches, starts: Sequence[Float64], steps: int) -> Shift
                     break
         fits.append((state.cost, shifts, state))
     _, shifts, state = min(fits, key=lambda fit: fit[0])
-    return ShiftFit(shifts, _covariance(state), state.explained, state.contrast)
+    return ShiftFit(shifts, _covariance(state), state.explained, state.contrast, state)
 
 
-def first_step(patches: Patches) -> Float64:
-    """Return the shifts ``(N, 2)`` that a single step from no shifts gives."""
-    pixels = _strongest(patches, _FIRST_PIXELS)
-    none = np.zeros((len(patches.values), 2))
-    return _step(_linearized(patches, pixels, patches.vectors(pixels), none, None), 0.0)
+class FirstLook(NamedTuple):
+    """A single step from no shifts, ``(N, 2)``, and the share by which it lowers the cost."""
+
+    step: Float64
+    gain: float
+
+
+def first_look(patches: Patches) -> FirstLook:
+    """Return what a single step from no shifts gives, or half of it if that is better."""
+    pixels = _strongest(patches, _FIRST_SAMPLES // len(patches.values))
+    vectors, still = patches.vectors(pixels), np.zeros((len(patches.values), 2))
+    state = _linearized(patches, pixels, vectors, still, None)
+    step = _step(state, 0.0)
+    costs = [
+        _linearized(patches, pixels, vectors, share * step, state.scale).cost for share in (1, 0.5)
+    ]
+    return FirstLook(step, 1 - min(costs) / max(state.cost, 1e-300))
 
 
 @dataclass(frozen=True, eq=False)
 class _State:
     """The linearized problem: normal equations of three parameters for each image."""
 
+    pixels: Intp
     hessian: Float64
     gradient: Float64
     of_tiles: Float64
@@ -236,7 +260,9 @@ def _linearized(
     explained = 1 - float(left)
     light = moved.reshape(count, -1)[:, pixels].T[usable]
     contrast = float(np.median(np.abs(seen[usable])) / max(float(np.median(light)), 1e-12))
-    return _State(hessian + np.diag(prior), gradient, of_tiles, scale, cost, explained, contrast)
+    return _State(
+        pixels, hessian + np.diag(prior), gradient, of_tiles, scale, cost, explained, contrast
+    )
 
 
 def _surface(

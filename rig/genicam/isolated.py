@@ -137,7 +137,7 @@ class IsolatedCamera:
         self,
         call: str,
         words: dict[str, Any] | None = None,
-        timeout_s: float = _CALL_S,
+        timeout_s: float | None = None,
         waiting: Callable[[], None] = lambda: None,
     ) -> Any:
         """Let the process carry out a call; return its result, or raise its error."""
@@ -146,7 +146,8 @@ class IsolatedCamera:
         self._check_there()
         self._number += 1
         self._send(call, words or {})
-        reply = self._reply(time.monotonic() + timeout_s, waiting)
+        limit_s = _CALL_S if timeout_s is None else timeout_s
+        reply = self._reply(time.monotonic() + limit_s, waiting)
         if "error" not in reply:
             return reply["result"]
         kind, message, counts = reply["error"]

@@ -69,8 +69,9 @@ def compare(
         Direction of the green channel in image files.
     out
         Folder for error.exr, error.png and compare.json; without it, nothing is written. With
-        --register, for normals_deg.exr, albedo_factor.exr and difference.png instead; with
-        --significance also for changes.csv, changes.png, significant.png and the maps change_*.exr.
+        --register, for normals_deg.exr, albedo_factor.exr, difference.png and the normals of B on
+        the pixels of A instead; with --significance also for changes.csv, changes.png,
+        significant.png and the maps change_*.exr.
     max_pixels
         Refuse images with more pixels than this, before decoding them.
     force

@@ -33,12 +33,27 @@ NUMBERS: Final = {
     "error": Kind("error.exr", "Angular error", "deg"),
     "shape_error": Kind("shape_error.exr", "Error of the shape component", "deg"),
     "detail_error": Kind("detail_error.exr", "Error of the detail component", "deg"),
+    "change_height": Kind("change_height.exr", "Change of height", None, "signed"),
+    "change_significance": Kind(
+        "change_significance.exr", "Significance of changes of the surface", "sigma", "signed"
+    ),
+    "normals_deg": Kind("normals_deg.exr", "Angle between normals before and after", "deg"),
+    "change_log_albedo": Kind(
+        "change_log_albedo.exr", "Change of the albedo", "ln(after / before)", "signed"
+    ),
+    "albedo_significance": Kind(
+        "albedo_significance.exr", "Significance of changes of the albedo", "sigma", "signed"
+    ),
+    "albedo_factor": Kind("albedo_factor.exr", "Factor of the albedo", "after / before", "height"),
     "separability": Kind("separability.exr", "Shape left in the detail", "deg"),
     "curvature_mean": Kind("curvature_mean.exr", "Mean curvature", None, "signed"),
     "curvature_gaussian": Kind("curvature_gaussian.exr", "Gaussian curvature", None, "signed"),
     "detail_height": Kind("detail_height.exr", "Height of the detail", "px", "height"),
 }
-MASKS: Final = {"invented": Kind("invented.png", "Invented share", "0 to 1", "plain")}
+MASKS: Final = {
+    "invented": Kind("invented.png", "Invented share", "0 to 1", "plain"),
+    "significant": Kind("significant.png", "Significant changes", "0 to 1", "plain"),
+}
 _TAIL: Final = 0.005  # share of the pixels beyond each end of a colour scale
 
 
@@ -55,16 +70,19 @@ def quantiser(name: str, part: Float32, unit: str) -> Callable[[Float32], Plane]
         mask = MASKS[name]
         return _scalar(name, mask, str(mask.unit), limits=(0.0, 1.0))
     known = part[np.isfinite(part)]
+    kind = HEIGHT if name == "height" else NUMBERS[name]
+    if kind.colours == "signed":
+        # Most of a map of changes is 0, and its scale that of the rest.
+        known = known[known != 0]
     if not known.size:
         return None
-    kind = HEIGHT if name == "height" else NUMBERS[name]
     low, high = map(float, np.quantile(known, (_TAIL, 1 - _TAIL)))
     own = kind.unit or unit
     if name == "height":
         limits = float(known.min()), float(known.max())
         return _scalar(name, kind, own, bits=16, shown=(low, high), limits=limits)
     if kind.colours == "signed":
-        most = max(abs(low), abs(high)) or 1.0
+        most = max(abs(low), abs(high))
         return _scalar(name, kind, own, limits=(-most, most))
     return _scalar(name, kind, own, limits=(0.0 if kind.colours == "doubt" else low, high))
 

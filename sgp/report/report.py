@@ -26,7 +26,7 @@ from sgp.report.prerendered import prerendered
 from sgp.report.recording import Recording, read_bare_recording, read_recording
 from sgp.report.scripts import VIEWS
 from sgp.report.sections import Part, identity_list, image_id, marked, sections
-from sgp.report.source_maps import Companion, companions
+from sgp.report.source_maps import Companion, change_of, companions
 from sgp.report.verdict import verdict_box
 from sgp.results import Result
 
@@ -235,6 +235,7 @@ def _plane_id(part: Part, name: str) -> str:
 def _described(part: Part, maps: Embedded) -> dict[str, Any]:
     """Return what the scripts have to know of a result."""
     rows, columns = maps.size
+    change = change_of(part.folder) if part.folder else None
     lights = part.recording.lights
     directions = (
         {}
@@ -255,7 +256,8 @@ def _described(part: Part, maps: Embedded) -> dict[str, Any]:
     ]
     return {
         "id": str(part.number),
-        "name": part.name,
+        "name": f"After: {Path(str(change.parameters['b'])).name}" if change else part.name,
+        "change": change is not None,
         "rows": rows,
         "columns": columns,
         "full": {"rows": maps.full[0], "columns": maps.full[1]},

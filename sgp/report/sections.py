@@ -8,6 +8,7 @@ from typing import Final
 
 import acquisition
 import rig
+from sgp.report.changes import changes_section
 from sgp.report.folder import ResultFolder
 from sgp.report.html import Html, details, tag
 from sgp.report.lights import lights_section
@@ -51,6 +52,7 @@ def sections(part: Part, heading: str) -> list[Html]:
     maps = lead, tag("div", id=f"maps-{number}", class_="maps")
     lights = recording.lights
     contents: dict[str, Html | Sequence[Html]] = {
+        "Changes": changes_section(folder),
         "Notices": notices_list(noted),
         "Maps": maps if any(plane.kind == "scalar" for plane in planes) else (),
         "Recording": _contact_sheet(number, recording) if recording.images else (),

@@ -27,6 +27,7 @@ _COMPANIONS: Final = {
     "sgp curvature": {"normals": "Normals"},
     "sgp surface": {"normals": "Normals"},
     "sgp compare": {"a": "First map", "b": "Second map"},
+    "sgp compare --register": {"a": "Before"},
 }
 # By command: outputs that the picture of the result does not show.
 _OWN: Final = {"sgp detail separate": {"shape": "Shape component"}}
@@ -46,8 +47,10 @@ def companions(
     Maps of its own that its picture does not show follow.
     """
     inputs = Inputs(folder)
+    change = change_of(folder)
     for name, record in folder.records.items():
-        for parameter, title in _COMPANIONS.get(record.command, {}).items():
+        command = "sgp compare --register" if record is change else record.command
+        for parameter, title in _COMPANIONS.get(command, {}).items():
             if title == "Normals" and folder.file("normals.exr"):
                 continue
             named = record.parameters.get(parameter)
@@ -64,6 +67,14 @@ def companions(
             if output in record.outputs:
                 path = (folder.path / name).parent / record.outputs[output]
                 yield from _read(title, path, "up", max_pixels, notices)
+
+
+def change_of(folder: ResultFolder) -> ResultRecord | None:
+    """Return the record if the maps are those after a change, on the pixels of those before."""
+    record = folder.main
+    if record is None or record.command != "sgp compare":
+        return None
+    return record if record.parameters.get("register") is True else None
 
 
 def _read(

@@ -1133,6 +1133,8 @@ class RegisteredMetrics(TypedDict):
         median angle between registered normals
     unit
         `mm`, or `px` without a scale
+    pixel_size : mm or px
+        size of a pixel of the first map; 1 without a scale
     changes
         `--significance`: significant changes
     false_alarm : 0..1
@@ -1151,6 +1153,7 @@ class RegisteredMetrics(TypedDict):
     common: float
     median_deg: float
     unit: Literal["mm", "px"]
+    pixel_size: float
     changes: NotRequired[int]
     false_alarm: NotRequired[float]
     threshold: NotRequired[float]

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 import acquisition
+import processing
 import rig
 from processing.changes import Change, Changes
 from processing.registration import Field, Registration
@@ -49,6 +50,7 @@ def add_difference(
         common=len(rows) / np.count_nonzero(before.mask),
         median_deg=float(np.nanmedian(angle_deg)),
         unit="px" if pixel_mm is None else "mm",
+        pixel_size=pixel_mm or 1.0,
     )
     result.summary += [
         f"registration  shift {metrics['shift_px'][0]:.2f} px right, {metrics['shift_px'][1]:.2f} "
@@ -58,6 +60,7 @@ def add_difference(
         f"normals       median angle {metrics['median_deg']:.3f} deg",
     ]
     if out is not None:
+        result.outputs |= processing.write_normals(out, after.normal_map)
         _write_map(result, out, "normals_deg", angle_deg)
         if before.albedo is not None and after.albedo is not None:
             with np.errstate(invalid="ignore", divide="ignore"):

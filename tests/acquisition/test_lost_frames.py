@@ -22,8 +22,8 @@ from acquisition import (
     resume,
     verify_session,
 )
+from acquisition.engine import recording_loop
 from acquisition.engine import recording_run as _carry_out
-from acquisition.engine.recording_loop import LOST_RETAKES
 from rig import Board, FrameLostError, Rig, RigConfig, RigError
 from rig.genicam import open_genicam
 from simulator.bench import BenchState
@@ -37,6 +37,8 @@ from tests.simulator.camera_options import grouped
 
 LEDS = 8
 SIZE = (4, 6)
+# A frame may take longer on a busy computer, and is then one more that is lost.
+BRIEF_S = 0.2
 # A dark frame, then the lights, in one sequence.
 PLAN = CapturePlan(repeat=False, leds=tuple(range(LEDS)), exposures_us=(1000.0,), sequence=True)
 
@@ -56,12 +58,12 @@ def _led_seen(pixels: np.ndarray) -> int | None:
 class _Bench:
     """A virtual board, a virtual GenICam camera, and rigs on them."""
 
-    def __init__(self, opened: ExitStack) -> None:
+    def __init__(self, opened: ExitStack, board: VirtualBoard) -> None:
         self._opened = opened
-        self.board = opened.enter_context(VirtualBoard(LEDS))
+        self.board = board
         self.state = opened.enter_context(BenchState(self.board.bench_state_path))
 
-    def rig(self, trigger: str = "board", **options: Any) -> Rig:
+    def rig(self, trigger: str = "board", timeout_s: float = 0.5, **options: Any) -> Rig:
         try:
             self.camera = self._opened.enter_context(
                 GentlCamera(
@@ -81,19 +83,26 @@ class _Bench:
             pytest.skip(str(error))
         config = RigConfig.model_validate(
             {"name": "lossy", "driver": "bench", "leds": LEDS, "trigger": trigger}
-            | {"settle_ms": 0.5, "frame_timeout_s": 0.5, "frame_period_ms": 10}
+            | {"settle_ms": 0.5, "frame_timeout_s": timeout_s, "frame_period_ms": 10}
         )
         rig = Rig(Board(self.board.port), open_genicam(self.camera.cti), config)
         self._opened.callback(rig.close)
         return rig
 
 
+@pytest.fixture(scope="module")
+def board() -> Iterator[VirtualBoard]:
+    with VirtualBoard(LEDS) as board:
+        yield board
+
+
 @pytest.fixture
-def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[_Bench]:
+def bench(board: VirtualBoard, monkeypatch: pytest.MonkeyPatch) -> Iterator[_Bench]:
     # A slow disk would end the sequence before the fault occurs.
     monkeypatch.setattr(_carry_out, "ROOM", 99)
+    board.set_faults()
     with ExitStack() as opened:
-        yield _Bench(opened)
+        yield _Bench(opened, board)
 
 
 def _events(session: Session, name: str) -> list[Any]:
@@ -129,7 +138,7 @@ _LOSSES: list[Any] = [
 def test_a_sequence_is_recorded_completely_despite_lost_frames(
     bench: _Bench, tmp_path: Path, kind: Any, at: tuple[int, ...], most_buffers: int
 ) -> None:
-    rig = bench.rig(most_buffers=most_buffers)
+    rig = bench.rig(timeout_s=BRIEF_S, most_buffers=most_buffers)
     for frame in at:
         bench.camera.set_fault(frame, kind)
     session = record(rig, PLAN, tmp_path / "s", LABELS)
@@ -165,7 +174,7 @@ def test_a_loss_is_journalled_with_the_counters(bench: _Bench, tmp_path: Path) -
     ("kind", "trigger"),
     quick(
         product(("underrun", "lost", "incomplete", "missed"), ("board", "software")),
-        every=3,
+        every=5,
     ),
 )
 def test_single_shots_are_taken_again_too(
@@ -181,7 +190,10 @@ def test_single_shots_are_taken_again_too(
 
 
 @pytest.mark.parametrize("sequence", quick([True, False], every=2))
-def test_a_shot_is_not_taken_again_for_ever(bench: _Bench, tmp_path: Path, sequence: bool) -> None:
+def test_a_shot_is_not_taken_again_for_ever(
+    bench: _Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sequence: bool
+) -> None:
+    monkeypatch.setattr(recording_loop, "LOST_RETAKES", 1)
     plan = PLAN.changed(sequence=sequence)
     rig = bench.rig()
     for at in range(5, 80):
@@ -189,12 +201,12 @@ def test_a_shot_is_not_taken_again_for_ever(bench: _Bench, tmp_path: Path, seque
     with pytest.raises(RigError) as error:
         record(rig, plan, tmp_path / "s", LABELS)
     assert isinstance(error.value, FrameLostError)
-    assert any("was taken 4 times" in note for note in error.value.__notes__)
+    assert any("was taken 2 times" in note for note in error.value.__notes__)
     session = Session.open(tmp_path / "s")
     assert verify_session(tmp_path / "s").ok
     assert not session.complete
-    assert len(_events(session, "frames_lost")) == LOST_RETAKES + 1
-    assert len(_events(session, "retake")) == LOST_RETAKES
+    assert len(_events(session, "frames_lost")) == 2
+    assert len(_events(session, "retake")) == 1
     assert session.events[-1].event == "failed"
     assert all(period.end_ns < time.monotonic_ns() for period in bench.state.periods())
     # The camera works again.
@@ -205,7 +217,7 @@ def test_a_shot_is_not_taken_again_for_ever(bench: _Bench, tmp_path: Path, seque
 
 @pytest.mark.parametrize("sequence", [True, False])
 def test_a_missing_wire_is_reported_at_once(bench: _Bench, tmp_path: Path, sequence: bool) -> None:
-    rig = bench.rig()
+    rig = bench.rig(timeout_s=BRIEF_S)
     bench.board.set_faults(BoardFault(kind="lose-trigger", times=10_000))
     with pytest.raises(RigError, match="check the wire"):
         record(rig, PLAN.changed(sequence=sequence), tmp_path / "s", LABELS)
@@ -228,7 +240,7 @@ def test_a_missing_wire_is_reported_at_once(bench: _Bench, tmp_path: Path, seque
 def test_no_led_loses_its_frame_if_triggers_do_not_match_frames(
     bench: _Bench, tmp_path: Path, faults: list[BoardFault]
 ) -> None:
-    rig = bench.rig()
+    rig = bench.rig(timeout_s=BRIEF_S)
     bench.board.set_faults(*faults)
     session = record(rig, PLAN, tmp_path / "s", LABELS)
     _check(session)

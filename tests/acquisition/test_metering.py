@@ -247,6 +247,7 @@ def test_a_saturated_frame_only_shows_that_less_is_needed() -> None:
     assert dark == 800 * 32
 
 
+@pytest.mark.usefixtures("simulated_world")
 @pytest.mark.parametrize(
     ("scene", "seed", "cfa", "gain_db"),
     quick(

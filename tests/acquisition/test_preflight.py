@@ -67,6 +67,7 @@ def named(flight: Preflight, name: str) -> Check:
     return next(check for check in flight.checks if check.name == name)
 
 
+@IN_WORLD
 def test_a_working_rig_passes_and_no_file_is_left(rendering: Rendering, tmp_path: Path) -> None:
     reports: list[tuple[str, int, int]] = []
     with open_rig_seeing(rendering, seed=2, realtime=False, camera="inside") as rig:

@@ -24,18 +24,22 @@ from acquisition import (
     resume,
     verify_session,
 )
-from acquisition.engine import StopRequest
+from acquisition.engine import StopRequest, repeat_watch
 from acquisition.plan import estimate_plan
 from acquisition.session import FrameLine
-from rig import Notice, Rig, RigConfig
+from acquisition.session.comparisons import compared_repeats
+from rig import CameraFrame, Notice, Rig, RigConfig
 from rig.arrays import Float32
+from rig.host import clock
 from simulator import Rendering, render, scene_named, simulated_rig
 from simulator.camera import ImageFormation
 from simulator.scene import Lamps
+from simulator.world import World
 from tests.acquisition.fake_bench import LABELS, cut, flip, rig_on
 from tests.acquisition.interruptions import make_older
 from tests.acquisition.test_repeat import Scene, compared, covered, relief, swapped
 from tests.cases import cases
+from tests.quick_sample import quick
 
 PLAN = CapturePlan(leds=(3, 0, 5), exposures_us=(200.0, 50.0), repeat_every=2)
 FILES = [
@@ -44,9 +48,17 @@ FILES = [
 ]
 
 
+class Steady(Scene):
+    """A scene whose frames take 0.1 s: those before are stored and compared by then."""
+
+    def fetch(self, *request: Any) -> CameraFrame:
+        clock.sleep(0.1)
+        return super().fetch(*request)
+
+
 @pytest.fixture
-def scene() -> Scene:
-    return Scene()
+def scene(world: World) -> Scene:
+    return Steady()
 
 
 @pytest.fixture
@@ -120,6 +132,22 @@ def test_repeats_are_compared_and_are_no_lights(stand: Rig, tmp_path: Path) -> N
     ]
 
 
+def test_a_repeat_waits_until_the_one_before_is_compared(
+    stand: Rig, scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def slowly(*words: Any) -> Any:
+        clock.sleep(20)
+        return compared_repeats(*words)
+
+    monkeypatch.setattr(repeat_watch, "compared_repeats", slowly)
+    scene.change = lambda number: moved(scene) if number == 6 else None
+    with pytest.raises(NotAcceptedError):
+        record(stand, PLAN.changed(repeats=2), tmp_path / "s", LABELS)
+    files = {frame.path.stem for frame in Session.open(tmp_path / "s").frames}
+    assert "R_L03_E0_R1" in files
+    assert "R_L03_E0_R2" not in files
+
+
 def moved(scene: Scene) -> None:
     scene.object = relief(1)
 
@@ -138,7 +166,7 @@ def test_what_makes_a_recording_useless_ends_it_unless_accepted(
     scene.change = lambda number: change(scene) if number == 6 else None
     events: list[str] = []
     hooks = RecordingHooks(on_event=lambda name, details: events.append(name))
-    plan = PLAN.changed(repeats=20)
+    plan = PLAN.changed(repeats=2)
     with pytest.raises(NotAcceptedError) as raised:
         record(stand, plan, tmp_path / "s", LABELS, hooks=hooks)
     finding = raised.value.finding
@@ -173,7 +201,7 @@ def test_an_accepted_finding_is_asked_about_with_all_leds_off(
         asked.append(finding)
         return True
 
-    plan = PLAN.changed(repeats=20)
+    plan = PLAN.changed(repeats=2)
     session = record(stand, plan, tmp_path / "s", LABELS, hooks=RecordingHooks(accept=accept))
     assert session.complete
     assert [finding.code for finding in asked] == ["frame-shifted"]
@@ -191,7 +219,7 @@ def test_a_stop_at_a_question_is_no_refusal(stand: Rig, scene: Scene, tmp_path: 
         stop.ask("a button")
         return False
 
-    plan = PLAN.changed(repeats=20)
+    plan = PLAN.changed(repeats=2)
     hooks = RecordingHooks(accept=accept)
     with pytest.raises(KeyboardInterrupt, match="stopped by a button"):
         record(stand, plan, tmp_path / "s", LABELS, hooks=hooks, stop=stop)
@@ -204,7 +232,7 @@ def test_small_changes_are_named_and_do_not_stop(stand: Rig, scene: Scene, tmp_p
             scene.object = 0.97 * relief(0.4)
 
     scene.change = change
-    session = record(stand, PLAN.changed(repeats=20), tmp_path / "s", LABELS)
+    session = record(stand, PLAN.changed(repeats=2), tmp_path / "s", LABELS)
     assert session.complete
     assert [(one.code, Path(one.where).name) for one in session.warnings] == [
         ("frame-drifted", "R_L03_E0_R1.tif"),
@@ -216,12 +244,12 @@ def test_a_gradual_change_is_named_whenever_it_has_grown_enough(
     stand: Rig, scene: Scene, tmp_path: Path
 ) -> None:
     def change(number: int) -> None:
-        scene.object = relief(0.01 * number)
+        scene.object = relief(0.05 * number)
 
     scene.change = change
     asked, hooks = listening()
-    session = record(stand, PLAN.changed(repeats=15), tmp_path / "s", LABELS, hooks=hooks)
-    # 0.01 px per frame, from 0 to about 1.3 px.
+    session = record(stand, PLAN.changed(repeats=4), tmp_path / "s", LABELS, hooks=hooks)
+    # 0.05 px per frame, from 0 to about 1.8 px.
     codes = [notice.code for notice in session.warnings]
     assert codes == ["frame-drifted", *["frame-shifted"] * 3]
     assert all("since L03_E0.tif, gradually: put it back" in one.text for one in session.warnings)
@@ -242,18 +270,19 @@ def test_a_light_that_is_damaged_meanwhile_ends_the_recording(stand: Rig, tmp_pa
 def test_a_rejected_repeat_is_taken_again_at_once(stand: Rig, scene: Scene, tmp_path: Path) -> None:
     """Frame 5, the first repeat, is clipped: it is taken again before the last one."""
     scene.change = lambda number: setattr(scene, "object", relief() * (9 if number == 5 else 1))
-    plan = PLAN.changed(retakes=1, max_clipped_fraction=0.1, repeats=20)
+    plan = PLAN.changed(retakes=1, max_clipped_fraction=0.1, repeats=2)
     session = record(stand, plan, tmp_path / "s", LABELS)
     assert (session.complete, session.warnings) == (True, ())
     (rejected,) = (frame for frame in session.recorded if frame.line.status == "rejected")
     assert rejected.path.name == "R_L03_E0.tif"
     (again,) = (one for one in session.frames if one.line.key == rejected.line.key)
     assert again.path.name == f"R_L03_E0_R{len(plan.lights_before_repeats)}.tif"
-    assert again.line.seq < session.frames[-1].line.seq - 100
+    (second,) = (one for one in session.frames if one.path.name == "R_L03_E0_R1.tif")
+    assert rejected.line.seq < again.line.seq < second.line.seq
     assert len(compared(session)) == len(plan.lights_before_repeats)
 
 
-@pytest.mark.parametrize("at", range(4, 12))
+@pytest.mark.parametrize("at", quick(range(4, 12), every=2))
 def test_a_resumed_recording_has_every_repeat_once(
     stand: Rig, scene: Scene, tmp_path: Path, at: int
 ) -> None:
@@ -362,11 +391,12 @@ DISTURBED = {
 
 
 @pytest.mark.usefixtures("simulated_world")
-@pytest.mark.parametrize("sequence", [False, True])
-@cases(("change", "code", "says"), DISTURBED)
-def test_a_disturbance_in_the_simulator_is_named(
-    tmp_path: Path, sequence: bool, change: Any, code: str, says: str
-) -> None:
+@pytest.mark.parametrize(
+    ("sequence", "name"),
+    [*((False, name) for name in DISTURBED), *quick(((True, name) for name in DISTURBED), 6)],
+)
+def test_a_disturbance_in_the_simulator_is_named(tmp_path: Path, sequence: bool, name: str) -> None:
+    change, code, says = DISTURBED[name]
     view = View("coin")
     # The first repeat is exposure 7, the second one 14.
     view.change = lambda view, number: change(view) if number == 10 else None
@@ -403,7 +433,7 @@ SCENES = ("coin", "leather", "textile", "scales", "spheres")
 
 
 @pytest.mark.usefixtures("simulated_world")
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", quick(SCENES, every=2))
 @pytest.mark.parametrize("seeds", [range(1), pytest.param(range(1, 11), marks=pytest.mark.slow)])
 def test_undisturbed_recordings_have_no_notice(tmp_path: Path, name: str, seeds: range) -> None:
     """Lamps that flicker by 0.1 %, and a stand that shakes by 0.03 px."""

@@ -29,16 +29,19 @@ from tests.quick_sample import quick
 
 SCENES = ["white-plane", "coin", "sphere", "textile", "tilted-plane", "spheres", "leather"]
 NOISE = 0.003
-SIDE = 8
+# Rendered samples per side of a coarse pixel.
+SIDE = 4
+ROWS, COLUMNS = 16, 20
 IN_WORLD = pytest.mark.usefixtures("simulated_world")
 
 
 @functools.cache
 def scene(name, leds, seed):
     """Return coarse images of a scene in photons, its LED positions, and its places."""
-    rendering = render(scene_named(name, width=160, height=128, leds=leds, seed=seed))
-    planes = rendering.planes.reshape(leds, 128 // SIDE, SIDE, 160 // SIDE, SIDE).mean(axis=(2, 4))
-    y, x = np.mgrid[0 : 128 // SIDE, 0 : 160 // SIDE].astype(float)
+    size = {"width": COLUMNS * SIDE, "height": ROWS * SIDE}
+    rendering = render(scene_named(name, **size, leds=leds, seed=seed))
+    planes = rendering.planes.reshape(leds, ROWS, SIDE, COLUMNS, SIDE).mean(axis=(2, 4))
+    y, x = np.mgrid[:ROWS, :COLUMNS].astype(float)
     places = np.stack([(x - 9.5) / 20, (7.5 - y) / 20], axis=-1).reshape(-1, 2)
     return planes.reshape(leds, -1) * 1000, rendering.truth.lights.positions_mm, places
 
@@ -230,6 +233,7 @@ def test_a_simulated_rig_without_faults(name):
     assert (result.wires.trigger, result.wires.exposure_active) == (True, True)
 
 
+@IN_WORLD
 @pytest.mark.parametrize(
     ("flaws", "found"),
     quick(
@@ -253,19 +257,22 @@ def test_a_simulated_rig_without_faults(name):
     ),
 )
 def test_a_simulated_rig_with_faults(flaws, found):
-    with open_rig_seeing(rendered("coin"), flaws=flaws) as rig:
+    with open_rig_seeing(rendered("coin"), flaws=flaws, camera="inside") as rig:
         result = selftest(rig)
     assert not result.ok
     assert kinds(result) == found
 
 
+@IN_WORLD
 def test_an_unsteady_supply_is_found():
-    with open_rig_seeing(rendered("coin"), flaws=BenchFlaws(lamps=Lamps(flicker=0.2))) as rig:
+    flaws = BenchFlaws(lamps=Lamps(flicker=0.2))
+    with open_rig_seeing(rendered("coin"), flaws=flaws, camera="inside") as rig:
         result = selftest(rig)
     assert {kind for kind, *_ in kinds(result)} == {"unsteady"}
     assert len(result.findings) >= 3
 
 
+@IN_WORLD
 def test_the_mounting_of_the_camera_is_applied():
     config = RigConfig.model_validate(
         {
@@ -276,21 +283,21 @@ def test_the_mounting_of_the_camera_is_applied():
             "dead_leds": [3],
         }
     )
-    with open_rig_seeing(
-        rendered("coin"), config, flaws=BenchFlaws(wiring=Wiring(swapped=((2, 9),)))
-    ) as rig:
+    flaws = BenchFlaws(wiring=Wiring(swapped=((2, 9),)))
+    with open_rig_seeing(rendered("coin"), config, flaws=flaws, camera="inside") as rig:
         result = selftest(rig)
     assert kinds(result) == [("elsewhere", 2, 9), ("elsewhere", 9, 2)]
     assert 3 not in result.leds
 
 
+@IN_WORLD
 @pytest.mark.slow
 def test_dark_and_bright_scenes_are_metered():
     for scale, low_us, high_us in ((20.0, 200, 5000), (0.02, 100_000, 500_000)):
         scene_ = scene_named("white-plane", **SMALL)
         bright = render(scene_)
         bright.planes[:] *= scale
-        with open_rig_seeing(bright) as rig:
+        with open_rig_seeing(bright, camera="inside") as rig:
             result = selftest(rig)
         assert low_us <= result.exposure_us <= high_us
         assert kinds(result) == []
@@ -378,10 +385,11 @@ def test_a_missing_exposure_active_wire_is_a_fault():
     assert kinds(result) == [("exposure active",)]
 
 
+@IN_WORLD
 def test_a_rig_without_working_leds_is_refused():
     config = RigConfig(name="x", driver="simulated", leds=12, dead_leds=tuple(range(12)))
     with (
-        open_rig_seeing(rendered("coin"), config) as rig,
+        open_rig_seeing(rendered("coin"), config, camera="inside") as rig,
         pytest.raises(RigError, match="no LED is left to test"),
     ):
         selftest(rig)

@@ -24,7 +24,6 @@ from tests.quick_sample import quick
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="forks processes")
 
-KILLS = 20
 PLAN = CapturePlan(leds=tuple(range(6)), exposures_us=(100.0,))
 SHORT = CapturePlan(leds=(0, 1), exposures_us=(100.0,))
 
@@ -196,7 +195,8 @@ def survived(folder: Path, acknowledged: list[str]) -> None:
         finish(folder)
 
 
-def test_kill_at_random_moments(server: Server, tmp_path: Path) -> None:
+@pytest.mark.parametrize("kills", quick([8, 40], every=2))
+def test_kill_at_random_moments(server: Server, tmp_path: Path, kills: int) -> None:
     whole = tmp_path / "whole"
     began = time.monotonic()
     acknowledged, status = server.record(whole)
@@ -205,7 +205,7 @@ def test_kill_at_random_moments(server: Server, tmp_path: Path) -> None:
     assert verify_session(whole).complete
     rng = random.Random(7)
     killed = 0
-    for number in range(KILLS):
+    for number in range(kills):
         folder = tmp_path / f"s{number}"
         moment = rng.randrange(6), rng.uniform(0, 1.5 * frame_s)
         acknowledged, status = server.record(folder, kill_after=moment)
@@ -213,7 +213,7 @@ def test_kill_at_random_moments(server: Server, tmp_path: Path) -> None:
         if (folder / "session.toml").exists():
             survived(folder, acknowledged)
     # Otherwise no kill happened during the recording.
-    assert killed >= KILLS // 2
+    assert killed >= kills // 2
 
 
 @pytest.mark.slow

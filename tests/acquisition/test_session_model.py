@@ -161,5 +161,10 @@ class SessionStore(RuleBasedStateMachine):
         shutil.rmtree(self.top)
 
 
-TestSessionStore = SessionStore.TestCase
-TestSessionStore.settings = settings(max_examples=30, stateful_step_count=25, deadline=None)
+class TestSessionStore(SessionStore.TestCase):  # type: ignore[name-defined,misc]
+    settings = settings(max_examples=8, stateful_step_count=25, deadline=None)
+
+
+@pytest.mark.slow
+class TestSessionStoreForLong(SessionStore.TestCase):  # type: ignore[name-defined,misc]
+    settings = settings(max_examples=60, stateful_step_count=25, deadline=None)

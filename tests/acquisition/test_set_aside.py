@@ -27,6 +27,7 @@ from acquisition.engine import check_resume
 from acquisition.session import Echo, Manifest, SessionWriter, compact_session, damaged_frames
 from acquisition.session import frame_proofs as _frame_proofs
 from rig import Rig
+from rig.host import clock
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench, cut, events_of, flip, rig_on, seen
 from tests.acquisition.mutants import rows_of, seal
 from tests.quick_sample import quick
@@ -360,11 +361,12 @@ def test_earlier_frames_are_read_while_the_writers_are_idle(
     assert "D_50us.tif" in str(events_of(session)[-1].details["reason"])
 
 
+@pytest.mark.usefixtures("world")
 def test_a_disk_that_does_not_return_frames_is_reported(
     rig: Rig, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = cut(rig, bench, tmp_path / "s", 8)
-    monkeypatch.setattr(_frame_proofs, "frame_damage", lambda frame, camera: time.sleep(5))
+    monkeypatch.setattr(_frame_proofs, "frame_damage", lambda frame, camera: clock.sleep(5))
     with pytest.raises(StorageError, match="reading a frame back has taken"):
         resume(rig, folder, stall_s=0.5)
     assert not Session.open(folder).complete

@@ -9,6 +9,7 @@ import pytest
 from scipy.io import savemat
 
 from acquisition import DataError, Lights, read_source, write_png
+from tests.quick_sample import quick
 from tests.real_data import DATA, needs_data
 
 NAMES = ["003.png", "001.png", "010.png"]
@@ -133,7 +134,7 @@ def test_damaged_folders_are_refused_by_name(folder: Path, damage: object, match
 
 @needs_data
 @pytest.mark.parametrize(
-    ("name", "size"), [("bearPNG", (273, 230)), ("catPNG", (307, 282))], ids=["bear", "cat"]
+    ("name", "size"), quick([("bearPNG", (273, 230)), ("catPNG", (307, 282))], every=2)
 )
 def test_real_objects(name: str, size: tuple[int, int]) -> None:
     source = read_source(DATA / "diligent" / name)

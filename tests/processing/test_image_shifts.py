@@ -16,7 +16,7 @@ from calibration import EstimateError, linear_stack, open_stack
 from calibration.radiance import Shift
 from processing import reconstruct
 from processing.recording import AlignChoice
-from processing.registration import ImageShifts, find_image_shifts
+from processing.registration import find_image_shifts
 from rig.arrays import Bool, Float32, Float64
 from tests.cases import cases
 
@@ -114,16 +114,14 @@ def test_a_bare_ball_does_not_determine_shifts() -> None:
     assert not found.significant(0.15).any() or not found.determined
 
 
-@cases(
-    ("shifts", "low", "high"),
-    {
-        "of another light": (UNIT[:, :2] * 0.3, 0.99, 1.01),
-        "of a camera that creeps": (np.linspace([0, 0], [3, 1], COUNT), -1.0, 0.74),
-    },
-)
-def test_errors_of_the_model_follow_the_lights(shifts: Float64, low: float, high: float) -> None:
-    found = ImageShifts(shifts, 0 * shifts + 0.01, 0.9, 0.1, 0.9, 100.0)
-    assert low < found.follow(UNIT) < high
+def test_the_gain_is_that_of_images_that_moved() -> None:
+    images, _, mask = relief()
+    creeping = np.linspace([0, 0], [1, 0.5], COUNT)
+    found = find_image_shifts(moved(images, creeping), mask, at)
+    assert found.real
+    assert found.gain > 0.5
+    # Another curve imitates shifts.
+    assert find_image_shifts(np.clip(images, 0, None) ** 0.45, mask, at).gain < 0.05
 
 
 @cases(("count", "side"), {"few images": (4, SIDE), "a small object": (COUNT, 9)})

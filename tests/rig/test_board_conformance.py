@@ -43,7 +43,7 @@ def test_the_board_of_a_world(world, name):
     check(WorldUnderTest(world), name)
 
 
-@pytest.mark.parametrize("name", quick(CHECKS, every=10))
+@pytest.mark.parametrize("name", quick(CHECKS, every=13))
 def test_board(board, name):
     # A busy computer may keep a board program from running while a check waits for it.
     assert run_checks(board, [name], attempts=3) == []

@@ -53,10 +53,9 @@ def test_the_board_is_found_among_others(real_bench):
         assert (found[-1].identity.name, found[-1].problem) == ("sgp-virtual-board", "")
         # All at the same time, not one after the other.
         assert took < 4 * TIMEOUT_S
-        assert (
-            find_board([*others, real_bench.virtual.port], timeout_s=TIMEOUT_S)
-            == real_bench.virtual.port
-        )
+        # Without those that are waited for.
+        soon = [*list(others)[3:], real_bench.virtual.port]
+        assert find_board(soon, timeout_s=TIMEOUT_S) == real_bench.virtual.port
     # The port of the board was closed.
     Board(real_bench.virtual.port).close()
 

@@ -42,7 +42,7 @@ def test_other_devices_are_refused(answer, said):
         assert "\n" not in str(error.value)
         # The port was closed: it opens again, and fails for the same reason.
         with pytest.raises(BoardError, match=r"protocol|no answer|is invalid"):
-            Board(port, handshake_timeout_s=TIMEOUT_S)
+            Board(port, handshake_timeout_s=0.05)
 
 
 def test_the_identity_of_another_firmware_is_accepted():

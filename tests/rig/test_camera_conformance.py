@@ -18,8 +18,12 @@ from tests.rig.camera_benches import (
 BENCHES = [
     pytest.param(InsideBench, id="inside"),
     pytest.param(GenICamBench, id="genicam"),
-    pytest.param(IsolatedBench, id="isolated"),
+    # The camera of the bench before, so the quick tests are those of what goes between processes.
+    pytest.param(IsolatedBench, id="isolated", marks=pytest.mark.slow),
 ]
+BETWEEN_PROCESSES = pytest.mark.parametrize(
+    "bench", [*BENCHES[:2], pytest.param(IsolatedBench, id="isolated")], indirect=True
+)
 
 
 @pytest.fixture(params=BENCHES)
@@ -55,6 +59,7 @@ def shoot(bench, camera, led):
     return frame
 
 
+@BETWEEN_PROCESSES
 def test_a_frame_shows_its_led(bench, camera):
     camera.arm()
     frames = [shoot(bench, camera, led) for led in (3, 0, 7)]
@@ -62,6 +67,7 @@ def test_a_frame_shows_its_led(bench, camera):
     assert [seen(frame) for frame in frames] == [grey(led) for led in (3, 0, 7)]
 
 
+@BETWEEN_PROCESSES
 def test_ids_count_from_0_and_never_restart(bench, camera):
     ids = []
     for trigger in ("software", "software", "line"):
@@ -81,6 +87,7 @@ def test_the_cameras_clock_runs_forward(bench, camera):
     assert all(later - earlier >= EXPOSURE_US * 1000 for earlier, later in pairwise(times))
 
 
+@BETWEEN_PROCESSES
 def test_a_frame_has_the_settings_that_were_read_back(bench, camera):
     camera.arm()
     read_back = camera.configure(exposure_us=2000.4, gain_db=6.0)
@@ -166,6 +173,7 @@ def test_a_frame_does_not_change_once_it_is_there(bench, camera):
     assert (first.pixels == before).all()
 
 
+@BETWEEN_PROCESSES
 def test_the_message_of_a_lost_frame_states_the_time_waited(bench, camera):
     bench.fault(1, "lost")
     camera.arm()
@@ -178,6 +186,7 @@ def test_the_message_of_a_lost_frame_states_the_time_waited(bench, camera):
     shoot(bench, camera, 9)
 
 
+@BETWEEN_PROCESSES
 def test_a_late_frame_is_not_mistaken_for_the_next_one(bench, camera):
     bench.fault(1, "late", late_s=0.3)
     camera.arm()
@@ -202,17 +211,19 @@ def test_a_late_frame_can_be_fetched_again(bench, camera):
     shoot(bench, camera, 7)
 
 
+@BETWEEN_PROCESSES
 def test_waiting_is_called_at_least_every_200_ms(bench, camera):
     calls = [clock.monotonic()]
-    camera.configure(exposure_us=900_000)
+    camera.configure(exposure_us=500_000)
     camera.arm()
     camera.fetch(camera.trigger(), 5.0, lambda: calls.append(clock.monotonic()))
     calls.append(clock.monotonic())
     # 0.2 s are specified; the rest is for a computer with other load.
     assert max(later - earlier for earlier, later in pairwise(calls)) < 0.3
-    assert len(calls) >= 5
+    assert len(calls) >= 4
 
 
+@BETWEEN_PROCESSES
 def test_an_exception_from_waiting_ends_the_wait(bench, camera):
     def fail():
         raise RuntimeError("the board is gone")
@@ -282,6 +293,7 @@ def test_a_line_without_pulses_is_named(bench, camera):
     assert seen(camera.fetch(frame_id, 5.0)) == grey(8)
 
 
+@BETWEEN_PROCESSES
 def test_an_unplugged_camera_only_closes(bench, camera):
     bench.fault(1, "unplug")
     camera.arm()
@@ -300,6 +312,7 @@ def test_an_unplugged_camera_only_closes(bench, camera):
     camera.close()
 
 
+@BETWEEN_PROCESSES
 def test_a_closed_camera_only_closes_again(camera):
     camera.arm()
     camera.close()

@@ -33,7 +33,7 @@ def commands(tmp_path_factory: pytest.TempPathFactory) -> Commands:
     return lambda mcu: builds.avr(folder, mcu)
 
 
-@pytest.fixture(scope="module", params=MCUS)
+@pytest.fixture(scope="module", params=quick(MCUS, every=2))
 def shared(
     world: World, commands: Commands, request: pytest.FixtureRequest
 ) -> Iterator[BoardUnderTest]:
@@ -54,6 +54,7 @@ def uno(world: World, commands: Commands) -> Iterator[BoardUnderTest]:
         yield board
 
 
+@pytest.mark.parametrize("shared", MCUS, indirect=True)
 @pytest.mark.parametrize(
     ("settle_us", "hold_us"),
     quick(

@@ -316,7 +316,7 @@ def test_an_unavailable_format_is_refused(make, wanted, message):
 def test_other_threads_run_while_a_frame_is_awaited(make):
     bench = make()
     camera = armed(bench)
-    camera.configure(exposure_us=500_000)
+    camera.configure(exposure_us=200_000)
     ticks = 0
     done = threading.Event()
 
@@ -330,8 +330,8 @@ def test_other_threads_run_while_a_frame_is_awaited(make):
     camera.fetch(camera.trigger(), 5.0)
     done.set()
     thread.join()
-    # About 450 if nothing else runs; harvesters' own wait allows one.
-    assert ticks > 50
+    # About 180 if nothing else runs; harvesters' own wait allows one.
+    assert ticks > 20
 
 
 def test_opening_does_not_change_the_handler_of_ctrl_c(make):

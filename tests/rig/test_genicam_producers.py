@@ -57,7 +57,7 @@ def test_viky_is_grabbed_from(serial):
         assert frame.pixels.max() == 255
 
 
-def grab_ahead(cti, serial, needs, most_bytes):
+def grab_ahead(cti, serial, needs, most_bytes, apart_s=0.0):
     """Take several frames at once; return them and the number of buffers."""
     camera = open_genicam(
         cti, serial=serial, pixel_format="Mono8", needs=needs, most_bytes=most_bytes
@@ -67,8 +67,7 @@ def grab_ahead(cti, serial, needs, most_bytes):
         frames = []
         for _ in range(4):
             ids = [camera.trigger()]
-            # TLSimu ignores triggers while it exposes.
-            time.sleep(0.3)
+            time.sleep(apart_s)
             ids.append(camera.trigger())
             frames += [camera.fetch(frame_id, 10.0) for frame_id in ids]
         return frames, camera._acquisition.counts()["buffers"]
@@ -92,7 +91,8 @@ def test_viky_gets_room_for_a_sequence(most_bytes, buffers):
 
 @pytest.mark.parametrize(("most_bytes", "buffers"), ROOMS)
 def test_tlsimu_gets_room_for_a_sequence(tlsimu, most_bytes, buffers):
-    frames, announced = grab_ahead(tlsimu, "SN_InterfaceA_0", ("trigger",), most_bytes)
+    # It ignores triggers while it exposes.
+    frames, announced = grab_ahead(tlsimu, "SN_InterfaceA_0", ("trigger",), most_bytes, 0.3)
     assert announced == buffers
     assert [frame.frame_id for frame in frames] == list(range(8))
     # Its clock restarts every second.

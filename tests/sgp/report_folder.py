@@ -145,7 +145,8 @@ def shaded(
     """Return ``(H, W, 3)`` samples 0..255 of a page at 1:1, as its shader computes them."""
     n = vectors_of(planes["normals"].samples)
     mask = n.any(axis=2)
-    shape = vectors_of(planes["shape"].samples)
+    flat = np.full_like(n, [0, 0, 1])
+    shape = vectors_of(planes["shape"].samples) if "shape" in planes else flat
     if smoothing:
         n, shape = _smoothed(n, smoothing), _smoothed(shape, smoothing)
     detail = _turn(n, shape, 1) * [exaggeration, exaggeration, 1]

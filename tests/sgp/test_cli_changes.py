@@ -86,6 +86,9 @@ def test_without_error_bars_only_the_difference_is_shown(sgp, recorded):
     assert {path.name for path in (recorded / "out").iterdir()} == {
         "compare.json",
         "difference.png",
+        "mask.png",
+        "normals.exr",
+        "normals.png",
         "normals_deg.exr",
     }
 

@@ -110,7 +110,8 @@ export class Pane {
       uHeightStep: height ? [(height.low - (height.shown[0] + height.shown[1]) / 2) / pixelSize, height.step / pixelSize] : [0, 0],
       uOffset: offset,
       uWhole: wide,
-      uMark: look.marked && result.has("invented"),
+      uMark: look.marked && (result.has("invented") || result.has("significant")),
+      uOutline: result.has("significant"),
       uExaggeration: look.exaggeration,
       uGain: look.gain,
       uGloss: look.gloss,
@@ -124,7 +125,7 @@ export class Pane {
       uShape: texture("shape"),
       uAlbedo: texture("albedo"),
       uHeight: texture("height"),
-      uInvented: texture("invented"),
+      uInvented: texture("significant") ?? texture("invented"),
       uScalar: scalar && texture(scalar.name),
       ...Object.fromEntries(images.map(([image], i) => [`uFrame${"ABC"[i]}`, this.textures.get(image.id)])),
       uColours: this.colours(scalar ? scalar.colours : "signed"),
@@ -157,7 +158,7 @@ export class Pane {
 /** Return the names of the planes that a mode needs. */
 function needs(mode) {
   const names = mode.startsWith("map:") ? [mode.slice(4)] : ["normals", "shape", "albedo", "height"];
-  return names.includes("invented") ? names : [...names, "invented"];
+  return [...new Set([...names, "invented", "significant"])];
 }
 
 /** Return the number of levels that the renderer makes for the maps of a result. */

@@ -28,8 +28,10 @@ export function mount(body, { results, report }) {
   const redraw = () => {
     waiting ||= requestAnimationFrame(draw);
   };
-  const panes = [0, 1].map((i) => new Pane(renderer, maps, results, i, redraw));
-  const state = { layout: results.length > 1 ? "side" : "one", divider: 0.5, drags: "light", held: null };
+  // What has changed: before is to the left of the divider.
+  const change = results.length > 1 && results[0].change;
+  const panes = (change ? [1, 0] : [0, 1]).map((i) => new Pane(renderer, maps, results, i, redraw));
+  const state = { layout: change ? "divider" : results.length > 1 ? "side" : "one", divider: 0.5, drags: "light", held: null };
   const areas = () => boxes(state.layout, state.divider, canvas);
   const draw = () => {
     waiting = 0;
@@ -150,7 +152,9 @@ export function mount(body, { results, report }) {
     look.marked = marks.checked;
     redraw();
   });
-  const marked = element("label", { class: "check", hidden: !results.some((one) => one.has("invented")) }, marks, "mark invented pixels");
+  const markable = { invented: "mark invented pixels", significant: "outline significant changes" };
+  const [, text] = Object.entries(markable).find(([name]) => results.some((one) => one.has(name))) ?? [];
+  const marked = element("label", { class: "check", hidden: !text }, marks, text ?? "");
 
   const near = element("input", { type: "checkbox" });
   const distance = slider("Distance", { min: 0.2, max: 3, step: 0.05, value: 1, shown: (v) => `${v.toFixed(2)} ×`, onchange: (v) => light.set({ distance: v }) });

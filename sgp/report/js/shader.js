@@ -34,7 +34,7 @@ uniform vec2 uOrigin;           // of the map on the canvas, from its top left c
 uniform float uZoom;            // pixels of the canvas for each pixel of the map
 uniform float uCanvasHeight;
 uniform vec3 uLight;            // unit vector, or a position in pixels of the map for a near light
-uniform bool uNear, uHasShape, uHasHeight, uHasAlbedo, uMark;
+uniform bool uNear, uHasShape, uHasHeight, uHasAlbedo, uMark, uOutline;
 uniform float uReference;       // distance at which a near light has strength 1
 uniform float uExaggeration, uGain, uGloss, uShine, uPixelSize;
 uniform vec2 uScalarRange;      // samples at the ends of the colour scale
@@ -135,6 +135,10 @@ float curvatureAt(vec2 p, ivec2 size, out float known) {
   float down = decoded(s[2]).y - decoded(s[3]).y;
   return (across + down) / (4.0 * exp2(float(uLevel)) * uPixelSize);
 }
+float markedAt(vec2 p, ivec2 size) {
+  place(p, size);
+  return step(1.5, scalarAt(uInvented).x);
+}
 vec3 mapped(float t) {
   return texelFetch(uColours, ivec2(int(clamp(t, 0.0, 1.0) * 255.0 + 0.5), 0), 0).rgb;
 }
@@ -188,7 +192,12 @@ void main() {
       shown = toSrgb(uGain * ((1.0 - uGloss) * lit * albedoAt() + uGloss * glint));
     } else shown = toSrgb(vec3(uGain * lit));
   }
-  if (uMark) {
+  if (uMark && uOutline) {
+    // Pixels of the canvas within 3 of a marked one.
+    float near = 0.0, inside = markedAt(p, size);
+    for (int k = 0; k < 8; k++) near = max(near, markedAt(p + 3.0 / uZoom * vec2(cos(0.785398 * float(k)), sin(0.785398 * float(k))), size));
+    shown = mix(shown, vec3(1.0, 0.55, 0.0), near * (1.0 - inside));
+  } else if (uMark) {
     // Stripes: a colour alone would be lost on coloured maps, and to some eyes.
     float invented = (scalarAt(uInvented).x - 1.0) / 253.0;
     float stripe = mod(gl_FragCoord.x + gl_FragCoord.y, 10.0) < 3.0 ? 0.85 : 0.0;
