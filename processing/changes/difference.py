@@ -44,12 +44,15 @@ class Difference:
         ``(H, W)`` difference of the logarithm of the albedo; None if one is not known.
     weight, albedo_weight
         ``(H, W)`` reciprocal variances, of one slope and of the logarithm; 0 where not known.
+    albedo_edge
+        ``(H, W)`` steepness of edges of paint, change of the logarithm per pixel.
     """
 
     slopes: Float32
     weight: Float32
     log_albedo: Float32 | None
     albedo_weight: Float32 | None
+    albedo_edge: Float32 | None
 
     __repr__ = short_repr
 
@@ -113,7 +116,7 @@ def field_difference(before: Field, after: Field, holds: Bool) -> Difference:
         *(((of_p, of_q), _SHIFT) for of_p, of_q in zip(bends[0][:2], bends[1][:2], strict=True)),
         ((bends[0][2], bends[1][2]), _BLUR),
     ]
-    log_albedo, albedo_weight, dark = None, None, []
+    log_albedo, albedo_weight, albedo_edge, dark = None, None, None, []
     if before.albedo is not None and after.albedo is not None:
         # Errors along and across the normal are about equal.
         a, b = (_logarithm(one.albedo) for one in (before, after))
@@ -129,11 +132,12 @@ def field_difference(before: Field, after: Field, holds: Bool) -> Difference:
             *(((of,), _SHIFT) for of in bend[:2]),
             ((bend[2],), _BLUR),
         ]
-        parts = [variance, *dark, *_edges(bend)]
-        change, albedo_weight = _without(change, of_albedo, parts, lit)
+        edges = _edges(bend)
+        albedo_edge = np.sqrt(edges[0])
+        change, albedo_weight = _without(change, of_albedo, [variance, *dark, *edges], lit)
         log_albedo = change[0]
     slopes, weight = _without(slopes, regressors, [variance, *dark, *_edges(*bends)], known)
-    return Difference(slopes, weight, log_albedo, albedo_weight)
+    return Difference(slopes, weight, log_albedo, albedo_weight, albedo_edge)
 
 
 def _logarithm(albedo: Float32 | None) -> Float32:

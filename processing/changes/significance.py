@@ -31,6 +31,8 @@ _BOUNDED_MEAN: Final = 0.9199
 # neighbourhood whose errors are compared, at least in blocks and in scales of the template.
 _SAMPLES, _EVERY, _AROUND, _AROUND_SCALES = 8, 2, 1.5, 12.0
 _ROUNDS: Final = 6
+# Standard deviation in pixels of the position of an edge of paint, by the pixels that sample it.
+_SAMPLED: Final = 0.1
 # Share of normal numbers that are closer to 0 than this. Changes widen the tails of the albedo, so
 # that these count up to a limit.
 _TAIL, _TAIL_REACHES, _WIDEST, _MOST = 0.9973, 3.0, 1.3, 400_000
@@ -98,12 +100,17 @@ def height_responses(difference: Difference) -> Iterator[Response]:
 
 
 def albedo_responses(difference: Difference) -> Iterator[Response]:
-    """Return amplitudes of spots of the logarithm of the albedo, relative to their surroundings."""
-    weight, values = difference.albedo_weight, difference.log_albedo
-    if weight is None or values is None:
+    """Return amplitudes of spots of the logarithm of the albedo, relative to their surroundings.
+
+    Pixels sample an edge of paint differently in both recordings. This displaces it by parts of a
+    pixel, alike for some pixels along the edge: such errors do not average out within a spot.
+    """
+    weight, values, edge = difference.albedo_weight, difference.log_albedo, difference.albedo_edge
+    if weight is None or values is None or edge is None:
         return
     for scale in SCALES_PX:
         bell, wide = _kernels(scale)[0], _kernels(2 * scale)[0]
+        displaced = _SAMPLED * _correlated(edge, bell, bell) / bell.sum() ** 2
         # A spot with as much of the opposite around it.
         bell = np.pad(bell, (len(wide) - len(bell)) // 2)
         share = (bell.sum() / wide.sum()) ** 2
@@ -113,7 +120,9 @@ def albedo_responses(difference: Difference) -> Iterator[Response]:
         power += share**2 * _correlated(weight, wide**2, wide**2)
         power -= 2 * share * _correlated(weight, bell * wide, bell * wide)
         full = float(np.square(np.outer(bell, bell) - share * np.outer(wide, wide)).sum())
-        yield _response(scale, None, _Sums(found, None, power), weight, full)
+        made = _response(scale, None, _Sums(found, None, power), weight, full)
+        sigma = np.asarray(np.hypot(made.sigma, displaced), np.float32)
+        yield made._replace(sigma=sigma, z=np.nan_to_num(made.amplitude / sigma))
 
 
 def _kernels(scale: float) -> tuple[Float64, Float64]:

@@ -171,6 +171,18 @@ def test_a_spot_of_paint_is_a_change_of_the_albedo() -> None:
     assert change.albedo_factor == pytest.approx(0.97, abs=3 * change.albedo_sigma + 0.01)
 
 
+def test_an_edge_of_paint_that_is_sampled_differently_is_no_change() -> None:
+    row, column = np.mgrid[: SIZE[0], : SIZE[1]].astype(float)
+    still = np.zeros(SIZE), np.zeros(SIZE)
+
+    def striped(offset_px: Float64 | float) -> Float64:
+        return np.asarray(0.7 + 0.2 * np.tanh(8 * np.sin((row - offset_px) / 8)), np.float64)
+
+    displaced = 0.2 * np.exp(-0.5 * ((row - 101) ** 2 + (column - 120) ** 2) / 3**2)
+    before, after = field(still, 1, albedo=striped(0)), field(still, 2, albedo=striped(displaced))
+    assert not find_changes(before, after).changes
+
+
 def test_a_smaller_false_alarm_raises_the_threshold_and_the_level() -> None:
     pair = field(relief(0), 0), field(relief(0), 1)
     often, rarely = (find_changes(*pair, false_alarm=rate) for rate in (0.05, 0.001))
