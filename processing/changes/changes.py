@@ -226,7 +226,7 @@ def find_changes(
     found = _surface_changes(difference, surface, albedo, regions, height, blur_px)
     only_albedo = _regions(albedo, level) if with_albedo else np.zeros(shape, np.int32)
     near = cv2.dilate((regions > 0).astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
-    found += _albedo_changes(albedo, only_albedo, near)
+    found += _albedo_changes(difference, albedo, only_albedo, near)
     significant = (np.abs(surface.z) >= level) & (regions > 0)
     significant |= (np.abs(albedo.z) >= level) & (only_albedo > 0)
     return Changes(
@@ -312,15 +312,32 @@ def _albedo_at(albedo: _Best, row: int, column: int) -> tuple[float, float]:
     return factor, factor * float(albedo.sigma[row, column])
 
 
-def _albedo_changes(albedo: _Best, regions: Int32, taken: Bool) -> list[Change]:
+def _mean_factor(
+    difference: Difference, albedo: _Best, place: tuple[int, int], radius: float
+) -> tuple[float, float]:
+    """Return the factor of the albedo and its deviation, averaged over the middle of a change."""
+    if difference.log_albedo is None or difference.albedo_weight is None:
+        raise AssertionError("a change of the albedo has an albedo")
+    rows, columns = np.indices(difference.log_albedo.shape, sparse=True)
+    middle = (rows - place[0]) ** 2 + (columns - place[1]) ** 2 <= radius**2
+    middle &= difference.albedo_weight > 0
+    variance = float((1 / difference.albedo_weight[middle]).mean()) / np.count_nonzero(middle)
+    factor = math.exp(float(difference.log_albedo[middle].mean()))
+    return factor, factor * math.sqrt(variance) * float(albedo.factor[place])
+
+
+def _albedo_changes(
+    difference: Difference, albedo: _Best, regions: Int32, taken: Bool
+) -> list[Change]:
     found = []
     for number, box in enumerate(find_objects(regions), 1):
         own = regions[box] == number
-        if (own & taken[box]).any():
-            continue
         z = np.where(own, albedo.z[box], 0)
         place = np.unravel_index(int(np.argmax(np.abs(z))), z.shape)
         row, column = (int(at + of.start) for at, of in zip(place, box, strict=True))
+        # The albedo of a changed surface is in the row of that change.
+        if taken[row, column]:
+            continue
         size = _Size.of(z, (int(place[0]), int(place[1])))
         found.append(
             Change(
@@ -333,7 +350,7 @@ def _albedo_changes(albedo: _Best, regions: Int32, taken: Bool) -> list[Change]:
                 math.nan,
                 math.nan,
                 math.nan,
-                *_albedo_at(albedo, row, column),
+                *_mean_factor(difference, albedo, (row, column), size.width / 4),
                 float(z[place]),
             )
         )

@@ -171,6 +171,16 @@ def test_a_spot_of_paint_is_a_change_of_the_albedo() -> None:
     assert change.albedo_factor == pytest.approx(0.97, abs=3 * change.albedo_sigma + 0.01)
 
 
+def test_the_factor_of_a_wide_patch_of_paint() -> None:
+    patch = np.ones(SIZE)
+    patch[60:85, 40:65] = 0.8
+    still, even = relief(1), np.full(SIZE, 0.5)
+    found = find_changes(field(still, 1, albedo=even), field(still, 2, albedo=even * patch))
+    (change,) = found.changes
+    assert change.kind == "albedo"
+    assert change.albedo_factor == pytest.approx(0.8, abs=2 * change.albedo_sigma + 0.02)
+
+
 def test_an_edge_of_paint_that_is_sampled_differently_is_no_change() -> None:
     row, column = np.mgrid[: SIZE[0], : SIZE[1]].astype(float)
     still = np.zeros(SIZE), np.zeros(SIZE)
