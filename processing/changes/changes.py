@@ -318,7 +318,7 @@ def _mean_factor(
     """Return the factor of the albedo and its deviation, averaged over the middle of a change."""
     if difference.log_albedo is None or difference.albedo_weight is None:
         raise AssertionError("a change of the albedo has an albedo")
-    rows, columns = np.indices(difference.log_albedo.shape, sparse=True)
+    rows, columns = np.indices(difference.log_albedo.shape)
     middle = (rows - place[0]) ** 2 + (columns - place[1]) ** 2 <= radius**2
     middle &= difference.albedo_weight > 0
     variance = float((1 / difference.albedo_weight[middle]).mean()) / np.count_nonzero(middle)
