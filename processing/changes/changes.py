@@ -319,8 +319,8 @@ def _mean_factor(
     if difference.log_albedo is None or difference.albedo_weight is None:
         raise AssertionError("a change of the albedo has an albedo")
     rows, columns = np.indices(difference.log_albedo.shape)
-    middle = (rows - place[0]) ** 2 + (columns - place[1]) ** 2 <= radius**2
-    middle &= difference.albedo_weight > 0
+    near = (rows - place[0]) ** 2 + (columns - place[1]) ** 2 <= radius**2
+    middle = np.asarray(near & (difference.albedo_weight > 0))
     variance = float((1 / difference.albedo_weight[middle]).mean()) / np.count_nonzero(middle)
     factor = math.exp(float(difference.log_albedo[middle].mean()))
     return factor, factor * math.sqrt(variance) * float(albedo.factor[place])
