@@ -12,8 +12,13 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 import pytest
+from hypothesis import settings
 
 from tests.compile_once import one_by_one
+
+# On a computer with other load, an example may take any time.
+settings.register_profile("without deadline", deadline=None)
+settings.load_profile("without deadline")
 
 _WANTED = {"SIGINT": signal.default_int_handler, "SIGHUP": signal.SIG_DFL}
 

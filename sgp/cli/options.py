@@ -173,6 +173,7 @@ Leds = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte=40
 Pixels = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte=10**12))]
 Positive = Annotated[float, Parameter(converter=_real, validator=Number(gt=0, lte=1e6))]
 # The range of `processing.curvatures.curvature`.
+Probability = Annotated[float, Parameter(converter=_real, validator=Number(gt=0, lt=1))]
 FitScale = Annotated[float, Parameter(converter=_real, validator=Number(gte=0.3, lte=100))]
 # One day; the camera checks its own range.
 Microseconds = Annotated[float, Parameter(converter=_real, validator=Number(gt=0, lte=8.64e10))]

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
-from cyclopts import Parameter
-from cyclopts.validators import Number
 
 import acquisition
 import processing
@@ -16,7 +13,7 @@ import rig
 from processing.changes import find_changes
 from processing.registration import register_fields
 from sgp.cli.exit import UsageError
-from sgp.cli.options import Green, Input, OptionalInput, Pixels, Positive
+from sgp.cli.options import Green, Input, OptionalInput, Pixels, Positive, Probability
 from sgp.results import CompareMetrics, Result, claim_folder, figures_of, writes_folder
 from sgp.stages import MapInput, add_changes, add_difference, read_field
 
@@ -29,7 +26,7 @@ def compare(
     mask: OptionalInput = None,
     register: bool = False,
     significance: bool = False,
-    false_alarm: Annotated[float, Parameter(validator=Number(gt=0, lt=1))] = 0.05,
+    false_alarm: Probability = 0.05,
     pixel_mm: Positive | None = None,
     green: Green = "up",
     out: Path | None = None,
