@@ -79,6 +79,8 @@ class BoardUnderTest(BoardProgram):
 
     def prepare(self) -> None:
         """Make the board idle."""
+        # A late answer, to a check that has failed, must not be taken for one of the next check.
+        list(self.lines(0))
         self.active(False)
         self.ask("OFF")
         self.drain()
