@@ -24,6 +24,8 @@ from processing.registration.field import Field
 from rig import short_repr
 from rig.arrays import Bool, Float32, Int32
 
+# Deviation of the difference relative to the error bars, which no two recordings reach.
+_SAME_RECORDING: Final = 1e-3
 # A change extends as far as its significance is above this.
 _EXTENT: Final = 4.0
 # What is significant exceeds the curl within these pixels by this factor.
@@ -180,8 +182,8 @@ def find_changes(
     Raises
     ------
     DataError
-        If sizes differ, a field has no error bars, nothing is in common, or the probability is out
-        of range.
+        If sizes differ, a field has no error bars, nothing is in common, both are of the same
+        recording, or the probability is out of range.
 
     Examples
     --------
@@ -209,7 +211,15 @@ def find_changes(
     if not 0 < false_alarm < 1:
         raise DataError(f"a probability of {false_alarm:g} is not between 0 and 1")
     difference = field_difference(before, after, np.ones(shape, bool) if holds is None else holds)
-    area = int(np.count_nonzero(difference.known))
+    known = difference.known
+    found_slope = 1 / math.sqrt(float(np.median(difference.weight[known])))
+    stated = float(np.median(np.radians(before.sigma_deg[known])))
+    if found_slope < _SAME_RECORDING * stated:
+        raise DataError(
+            "the two fields differ by far less than their error bars: they are of the same "
+            "recording, so nothing can have changed"
+        )
+    area = int(np.count_nonzero(known))
     with_albedo = difference.log_albedo is not None
     level = threshold(area, false_alarm, albedo=with_albedo)
     detection = DetectionLevels(blur_px)

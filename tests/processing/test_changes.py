@@ -171,6 +171,12 @@ def test_a_spot_of_paint_is_a_change_of_the_albedo() -> None:
     assert change.albedo_factor == pytest.approx(0.97, abs=3 * change.albedo_sigma + 0.01)
 
 
+def test_a_recording_is_not_compared_with_itself() -> None:
+    one = field(relief(1), 1)
+    with pytest.raises(DataError, match="of the same recording"):
+        find_changes(one, one)
+
+
 def test_the_factor_of_a_wide_patch_of_paint() -> None:
     patch = np.ones(SIZE)
     patch[60:85, 40:65] = 0.8
