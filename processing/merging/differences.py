@@ -12,13 +12,10 @@ import numpy as np
 from processing.merging.adjustment import FieldPair
 from processing.merging.resampling import masked, turned
 from processing.registration import Field
+from processing.registration.normal_rotation import COMMON_PX, rotation_between
 from rig import short_repr
 from rig.arrays import Bool, Float64
 
-# Normals of a pair that differ by more than this many times the median count less.
-_OUTLIER: Final = 4.0
-# Neighbouring normals are not independent: noise is common to about this many pixels.
-_COMMON_PX: Final = 16
 # Tilts are corrected if they are this many times as large as what they should be by chance.
 _SIGNIFICANT: Final = 3.0
 
@@ -68,11 +65,11 @@ def differences_of(first: Field, second: Field, matrix: Float64) -> Differences:
     inside = (x >= 0) & (y >= 0) & (x <= there.mask.shape[1] - 1) & (y <= there.mask.shape[0] - 1)
     length = np.linalg.norm(normals, axis=2)
     common = inside & first.mask & (length > 0.5)
-    if np.count_nonzero(common) < _COMMON_PX:
+    if np.count_nonzero(common) < COMMON_PX:
         return Differences(math.nan, np.zeros(3), np.eye(3), math.nan)
     a = first.normal_map.normals[common].astype(np.float64)
     b = normals[common] / length[common][:, None].astype(np.float64)
-    tilt, covariance = _rotation(a, b)
+    tilt, covariance = rotation_between(a, b)
     left = ((b - np.cross(tilt, b) - a) ** 2).sum(axis=1)
     return Differences(
         _log_gain(first, second, matrix, common),
@@ -80,26 +77,6 @@ def differences_of(first: Field, second: Field, matrix: Float64) -> Differences:
         covariance,
         _disagreement(first, second, matrix, common, left),
     )
-
-
-def _rotation(a: Float64, b: Float64) -> tuple[Float64, Float64]:
-    """Return the small rotation from unit vectors to others, and its covariance."""
-    difference = b - a
-    distance = np.linalg.norm(difference, axis=1)
-    weights = 1 / (1 + (distance / (_OUTLIER * np.median(distance) + 1e-9)) ** 2)
-    # b - a = tilt x a = -[a]x tilt
-    x, y, z = a.T
-    zero = np.zeros_like(x)
-    cross = np.stack(
-        [np.stack([zero, z, -y]), np.stack([-z, zero, x]), np.stack([y, -x, zero])]
-    ).transpose(2, 0, 1)
-    normal = np.einsum("pij,p,pik->jk", cross, weights, cross)
-    # What the normals do not determine stays 0: a turn about the only direction of a plane.
-    normal += 1e-4 * np.trace(normal) * np.eye(3)
-    tilt = np.linalg.solve(normal, np.einsum("pij,p,pi->j", cross, weights, difference))
-    left = difference - np.einsum("pij,j->pi", cross, tilt)
-    variance = float((weights[:, None] * left**2).sum() / (2 * weights.sum()))
-    return tilt, np.linalg.inv(normal) * variance * _COMMON_PX
 
 
 def _log_gain(first: Field, second: Field, matrix: Float64, common: Bool) -> float:

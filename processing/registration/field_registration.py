@@ -14,6 +14,7 @@ from calibration import EstimateError
 from processing.maps.normal_map import NormalMap
 from processing.registration.feature_matches import FEWEST_MATCHES, features_of, match
 from processing.registration.field import Field, fine, reduced
+from processing.registration.normal_rotation import rotation_between
 from processing.registration.placement_fit import (
     INTERPOLATION_PX,
     SMOOTH_PX,
@@ -34,6 +35,8 @@ _TILE_PX: Final = 64
 _FEWEST_KNOWN: Final = 0.25
 _SIMILAR: Final = 0.5
 _FEWEST_COMMON: Final = 2000
+# A tilt is linear only if it is small.
+_TILT_STEPS: Final = 4
 _MOST_POSITIONS: Final = 10_000
 
 
@@ -281,27 +284,12 @@ def _tilt(first: Field, there: Field) -> Float64:
     """Return the rotation about axes in the plane from normals of the first to the second."""
     both = first.mask & there.mask
     here, seen = (one.normal_map.normals[both].astype(np.float64) for one in (first, there))
-    tilt = np.zeros(2)
-    for _ in range(10):
-        turned = here @ _rotation(tilt).T
-        difference = seen - turned
-        # d(R n) = w x n with w = (a, b, 0).
-        x, y, z = turned.T
-        zero = np.zeros_like(x)
-        jacobian = np.stack([np.stack([zero, -z, y], 1), np.stack([z, zero, -x], 1)], 2)
-        size = np.linalg.norm(difference, axis=1)
-        weights = 1 / (1 + (size / max(1.5 * float(np.median(size)), 1e-6)) ** 2)
-        hessian = np.einsum("pij,p,pik->jk", jacobian, weights, jacobian)
-        step = np.linalg.solve(hessian, np.einsum("pij,p,pi->j", jacobian, weights, difference))
-        tilt = tilt + step
-        if np.abs(step).max() < 1e-6:
-            break
-    return _rotation(tilt)
-
-
-def _rotation(tilt: Float64) -> Float64:
-    """Return the rotation matrix of a rotation vector in the plane."""
-    return np.asarray(cv2.Rodrigues(np.array([*tilt, 0.0]))[0], np.float64)
+    total = np.eye(3)
+    for _ in range(_TILT_STEPS):
+        # The images show the turn in the plane more accurately.
+        small = rotation_between(here @ total.T, seen)[0] * [1, 1, 0]
+        total = cv2.Rodrigues(small)[0] @ total
+    return np.asarray(total, np.float64)
 
 
 def _alike(first: Field, there: Field) -> Bool:
