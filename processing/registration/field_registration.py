@@ -84,6 +84,16 @@ class Registration:
         rows, columns = np.nonzero(self.common)
         return -math.degrees(turn_of(self.matrix, float(columns.mean()), float(rows.mean())))
 
+    @property
+    def enlargement(self) -> float:
+        """Pixels of the second field per pixel of the first, at the middle of the common area."""
+        rows, columns = np.nonzero(self.common)
+        x = float(columns.mean()) + np.array([0.0, 1.0, 0.0])
+        y = float(rows.mean()) + np.array([0.0, 0.0, 1.0])
+        right, down = transformed(self.matrix, x, y)
+        across, along = (np.array([one[k] - one[0] for one in (right, down)]) for k in (1, 2))
+        return math.sqrt(abs(float(across[0] * along[1] - across[1] * along[0])))
+
     def at(self, columns: Float64, rows: Float64) -> tuple[Float64, Float64]:
         """Return columns and rows in the second field of positions in the first."""
         if self.drift is not None:

@@ -17,6 +17,9 @@ from sgp.cli.options import Green, Input, OptionalInput, Pixels, Positive, Proba
 from sgp.results import CompareMetrics, Result, claim_folder, figures_of, writes_folder
 from sgp.stages import MapInput, add_changes, add_difference, read_field
 
+# Share by which a camera's distance changes its scale within one set-up.
+_SCALES_AGREE = 0.01
+
 
 @writes_folder("compare.json")
 def compare(
@@ -168,6 +171,14 @@ def _registered(
             f"{unknown}: its scale is not known, but that of the other map is: give --pixel-mm"
         )
     registration = register_fields(first, after.field, model="homography")
+    if scales[0] is not None and scales[1] is not None:
+        stated, seen = scales[0] / scales[1], registration.enlargement
+        if abs(seen / stated - 1) > _SCALES_AGREE:
+            text = (
+                f"AFTER shows the object {seen:.3f} times as large as BEFORE, but their pixel "
+                f"sizes state {stated:.3f}: one of the two is wrong, and so are heights in mm"
+            )
+            result.warnings.append(rig.Notice("scales-contradict", text))
     there = registration.resampled(after.field)
     if out is not None:
         claim_folder(out, "compare.json")

@@ -110,6 +110,8 @@ def test_a_placement_is_found(place: Float64, model: PlaneModel, paint: bool) ->
     error = error_px(found, np.linalg.inv(place))
     assert error < most
     assert found.sigma_px < 0.02
+    size = math.sqrt(np.linalg.det(np.linalg.inv(place)[:2, :2]))
+    assert found.enlargement == pytest.approx(size, rel=2e-4 if model != "homography" else 0.05)
     if model != "homography":
         assert found.drift is None
         assert error < 5 * found.sigma_px
