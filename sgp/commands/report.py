@@ -24,7 +24,8 @@ def report(
     The page needs no server and no network: it contains the maps, at most 8 MB by default, reduced
     if necessary, and opens in any browser. It also shows the recording, if it is still there and
     unchanged, and the records of the results: notices, figures, parameters and input hashes. The
-    normal maps that a result was computed from are shown next to it.
+    normal maps that a result was computed from are shown next to it. A result of sgp roughness has
+    a certificate to print.
 
     For example:
 
@@ -35,8 +36,8 @@ def report(
     Parameters
     ----------
     folder
-        Result folder: of sgp run, normals, detail, surface, curvature, compare or demo; or a
-        recording that has no result yet.
+        Result folder: of sgp run, normals, detail, surface, curvature, roughness, compare or demo;
+        or a recording that has no result yet.
     others
         More result folders, to compare them with the first.
     out

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final, Literal
 
@@ -28,7 +28,8 @@ class ResultFolder:
     path
         The folder.
     records
-        Records by their path relative to the folder.
+        Records by their path relative to the folder; those that a measurement of roughness names as
+        its inputs follow.
     notices
         Records that could not be read, and stages and maps that are missing.
     """
@@ -55,6 +56,12 @@ class ResultFolder:
         """The record of the complete folder: the one with the fewest folders in its path."""
         names = sorted(self.records, key=lambda name: (name.count("/"), name))
         return self.records[names[0]] if names else None
+
+    @property
+    def roughness(self) -> ResultRecord | None:
+        """The record of the parameters of areas, profiles and steps, if the folder has one."""
+        record = self.records.get("roughness.json")
+        return record if record is not None and record.command == "sgp roughness" else None
 
     @property
     def verdict(self) -> tuple[processing.checks.Answer, processing.checks.Verdict] | None:
@@ -138,7 +145,22 @@ def read_folder(path: Path) -> ResultFolder:
                 records[str(file.relative_to(path))] = read_record(file)
     folder = ResultFolder(path, records, notices)
     notices += [*_unfinished(folder), *_missing(folder)]
-    return folder
+    return replace(folder, records=records | _measured(folder))
+
+
+def _measured(folder: ResultFolder) -> dict[str, ResultRecord]:
+    """Return the records of the surface and the normals that were measured, if unchanged."""
+    if folder.roughness is None:
+        return {}
+    inputs, found = Inputs(folder), {}
+    for path in (folder.located(name) for name in folder.roughness.inputs):
+        if path.suffix != ".json":
+            continue
+        if inputs.state(path) != "same":
+            continue
+        with noted(folder.notices, "record"):
+            found[str(path)] = read_record(path)
+    return found
 
 
 def _unfinished(folder: ResultFolder) -> list[rig.Notice]:

@@ -124,7 +124,7 @@ def bar_chart(title: str, names: Sequence[str], values: Sequence[float]) -> Html
     """Return bars from 0; values that are not finite have none. ``title`` states the unit."""
     known = [value for value in values if math.isfinite(value)]
     most = max([0.0, *known]) or 1.0
-    step = _step(most)
+    step = grid_step(most)
     top = step * math.ceil(most / step - 1e-9)
     tall, wide = _HEIGHT - _TOP - _BOTTOM, (_WIDTH - _LEFT) / max(len(values), 1)
 
@@ -156,7 +156,7 @@ def bar_chart(title: str, names: Sequence[str], values: Sequence[float]) -> Html
     return tag("svg", parts, viewBox=view, class_="chart", role="img", aria_label=label)
 
 
-def _step(most: float) -> float:
+def grid_step(most: float) -> float:
     """Return a round distance of grid lines, so that there are two to four below ``most``."""
     power = 10.0 ** math.floor(math.log10(most))
     return next(m * power for m in (0.25, 0.5, 1, 2.5, 5) if most / (m * power) <= 4)

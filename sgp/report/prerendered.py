@@ -8,7 +8,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from rig.arrays import AnyArray, Float32
+from rig.arrays import AnyArray, Float32, Floating
 from sgp.report.html import Html, joined, tag
 from sgp.report.planes import VECTOR_STEPS, Plane
 
@@ -76,7 +76,13 @@ def reduced(values: AnyArray, side_px: int) -> Float32:
 
 def jpeg(light: Float32, quality: int) -> str:
     """Return linear light from 0 to 1, gray or RGB, as the address of an sRGB picture in JPEG."""
-    coded = np.where(light > 0.0031308, 1.055 * light ** (1 / 2.4) - 0.055, 12.92 * light)
+    return coded_jpeg(
+        np.where(light > 0.0031308, 1.055 * light ** (1 / 2.4) - 0.055, 12.92 * light), quality
+    )
+
+
+def coded_jpeg(coded: Floating, quality: int) -> str:
+    """Return sRGB samples from 0 to 1, gray or RGB, as the address of a picture in JPEG."""
     samples = np.rint(255 * np.clip(coded, 0, 1)).astype(np.uint8)
     if samples.ndim == 3:
         samples = np.ascontiguousarray(samples[..., ::-1])

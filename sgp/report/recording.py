@@ -17,7 +17,7 @@ from sgp.pictures import Crop
 from sgp.report.folder import Inputs, ResultFolder, changed_notice, noted
 from sgp.report.maps import Embedded
 from sgp.report.prerendered import jpeg, reduced
-from sgp.results import recordings_of
+from sgp.results import recordings_of, records_of, sha256
 
 _MOST_IMAGES: Final = 40
 _SIDE_PX: Final = 420
@@ -68,6 +68,8 @@ class Recording:
         What could not be read.
     identities
         What the recording was of.
+    source
+        The recording itself; None if it is not shown.
     """
 
     images: Sequence[Image] = ()
@@ -76,6 +78,7 @@ class Recording:
     aligned: bool = False
     notices: list[rig.Notice] = field(default_factory=list)
     identities: Sequence[acquisition.Identity] = ()
+    source: acquisition.Source | None = None
 
 
 def read_recording(folder: ResultFolder, maps: Embedded | None, max_pixels: int) -> Recording:
@@ -126,7 +129,7 @@ def _recording(
     chosen = [shots[i] for i in _evenly(len(shots))]
     images = _images(source, chosen, region or Crop(slice(0, None), slice(0, None)), notices)
     known, identities = lights or source.lights, recordings_of(source.files)
-    return Recording(images, len(shots), known, region is not None, notices, identities)
+    return Recording(images, len(shots), known, region is not None, notices, identities, source)
 
 
 def _lights(
@@ -134,7 +137,7 @@ def _lights(
 ) -> acquisition.Lights | None:
     stated = folder.parameter("lights")
     # `rig` is not a path; strengths that were estimated for its LEDs are in lights.json.
-    path = folder.file("lights.json") if stated in (None, "rig") else folder.located(str(stated))
+    path = _own_lights(folder) if stated in (None, "rig") else folder.located(str(stated))
     if path is None:
         return None
     if inputs.state(path) == "changed":
@@ -143,6 +146,23 @@ def _lights(
     with noted(notices, "recording", "the lights are not shown: "):
         return acquisition.read_lights(path)
     return None
+
+
+def _own_lights(folder: ResultFolder) -> Path | None:
+    """Return the lights that were estimated with the result, or with the one it measures."""
+    path = folder.file("lights.json")
+    if path is None and folder.roughness is not None:
+        # A record of a stage is in a folder of the result.
+        places = [(folder.path / name).parent for name in folder.records]
+        above = (place / "lights.json" for one in places for place in (one, one.parent))
+        path = next((one for one in above if _as_recorded(one)), None)
+    return path
+
+
+def _as_recorded(path: Path) -> bool:
+    """Return whether a record next to a file states its hash."""
+    files = [record.files.get(path.name) for _, record in records_of(path)]
+    return any(one is not None and one.sha256 == sha256(path) for one in files)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,8 +10,9 @@ from typing import Any, Final
 
 import acquisition
 import rig
+from sgp.report.certificate import certificate
 from sgp.report.folder import ResultFolder, read_folder
-from sgp.report.html import tag
+from sgp.report.html import Html, tag
 from sgp.report.maps import (
     Embedded,
     FolderMaps,
@@ -121,6 +122,7 @@ class _Folder:
         self._recording: Recording | None = None
         self._notices: list[rig.Notice] = []
         self._beside: list[Companion] = []
+        self._certificate: Sequence[Html] = ()
 
     def add_unrecorded(self, notices: Sequence[rig.Notice]) -> None:
         """Add those of some notices that no record has."""
@@ -137,6 +139,9 @@ class _Folder:
         folder, numbers = self._folder, count(first)
         if self._recording is None:
             self._recording = _recording(folder, maps, self._max_pixels)
+            self._certificate = certificate(
+                folder, self._recording, self._max_pixels, self._notices
+            )
             if maps is not None:
                 self._beside = list(companions(folder, self._max_pixels, self._notices))
         notices = [
@@ -147,7 +152,7 @@ class _Folder:
         ]
         path = folder.path.absolute()
         name = path.name or str(path)
-        yield Part(next(numbers), name, maps, folder, self._recording, notices)
+        yield Part(next(numbers), name, maps, folder, self._recording, notices, self._certificate)
         if maps is not None:
             for name, values, mask in self._beside:
                 beside = embed_beside(values, mask, maps, pixels, full=full)
@@ -211,7 +216,9 @@ def _lead(parts: Sequence[Part]) -> str:
     for part in parts:
         if part.maps is None:
             none = f"{part.name} has no maps so far"
-            if part.folder and not part.folder.records and part.recording.images:
+            if part.certificate:
+                none = f"{part.name}: parameters of the surface"
+            elif part.folder and not part.folder.records and part.recording.images:
                 none = f"{part.name} is a recording without a result: sgp run computes one"
             texts.append(none)
             continue

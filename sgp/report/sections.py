@@ -24,7 +24,8 @@ _SEVERITIES: Final = ("error", "warning", "info")
 class Part:
     """A result on the page, or a map that one was computed from (without a folder).
 
-    ``notices`` are those besides the ones of its records.
+    ``notices`` are those besides the ones of its records; ``certificate`` is that of a measurement
+    of roughness.
     """
 
     number: int
@@ -33,6 +34,7 @@ class Part:
     folder: ResultFolder | None = None
     recording: Recording = field(default_factory=Recording)
     notices: list[rig.Notice] = field(default_factory=list)
+    certificate: Sequence[Html] = ()
 
     @property
     def identities(self) -> Sequence[acquisition.Identity]:
@@ -52,6 +54,7 @@ def sections(part: Part, heading: str) -> list[Html]:
     maps = lead, tag("div", id=f"maps-{number}", class_="maps")
     lights = recording.lights
     contents: dict[str, Html | Sequence[Html]] = {
+        "Certificate": part.certificate,
         "Changes": changes_section(folder),
         "Notices": notices_list(noted),
         "Maps": maps if any(plane.kind == "scalar" for plane in planes) else (),
@@ -60,7 +63,7 @@ def sections(part: Part, heading: str) -> list[Html]:
         "Records": [_record(name, record) for name, record in folder.records.items()],
     }
     return [
-        tag("section", tag("h2", title, heading), content)
+        tag("section", tag("h2", title, heading), content, class_=title.lower())
         for title, content in contents.items()
         if content
     ]

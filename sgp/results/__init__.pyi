@@ -64,6 +64,7 @@ from .quality import add_quality as add_quality
 from .quality import add_uncertainty as add_uncertainty
 from .quality import median_of as median_of
 from .quality import quality_lines as quality_lines
+from .quality import rounded as rounded
 from .quality import sigma_lines as sigma_lines
 from .record import ResultRecord as ResultRecord
 from .record import check_metrics as check_metrics

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import cast
 
 import numpy as np
@@ -104,3 +105,15 @@ def median_of(values: acquisition.MapRows) -> float:
 def _bands(values: acquisition.MapRows) -> list[slice]:
     height, width = values.shape
     return acquisition.files.rows_in_bands(height, values.dtype.itemsize * width, _READ)
+
+
+def rounded(value: float, sigma: float | None) -> tuple[str, str]:
+    """Return a value and its expanded uncertainty (k = 2), to two digits of the latter.
+
+    Without a finite standard uncertainty ``sigma``, the second text is empty.
+    """
+    expanded = 2 * sigma if sigma is not None else math.nan
+    if not math.isfinite(expanded):
+        return f"{value:.4g}", ""
+    digits = 4 if expanded == 0 else max(0, 1 - math.floor(math.log10(expanded)))
+    return f"{value:.{digits}f}", f"{expanded:.{digits}f}"

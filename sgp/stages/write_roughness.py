@@ -16,7 +16,7 @@ import acquisition
 from processing.roughness import SOURCES, Conformity, Limit, Quantity, Scales
 from rig.arrays import AnyArray
 from sgp.pictures import Panel, signed_panel, write_overview
-from sgp.results import LimitMetrics, MeasuredMetrics, QuantityMetrics, Result
+from sgp.results import LimitMetrics, MeasuredMetrics, QuantityMetrics, Result, rounded
 
 # Areas that the picture shows, and parameters that the terminal lists of each kind.
 _SHOWN = 6
@@ -80,11 +80,10 @@ def text_of(one: Quantity) -> str:
     unit = one.unit and f" {one.unit}"
     if not math.isfinite(one.value):
         return f"{one.name:5} is not defined"
-    expanded = 2 * one.sigma
-    if not math.isfinite(expanded):
-        return f"{one.name:5} {one.value:.4g}{unit}"
-    digits = 4 if expanded == 0 else max(0, 1 - math.floor(math.log10(expanded)))
-    text = f"{one.name:5} {one.value:.{digits}f} +- {expanded:.{digits}f}{unit} (k = 2)"
+    value, expanded = rounded(one.value, one.sigma)
+    if not expanded:
+        return f"{one.name:5} {value}{unit}"
+    text = f"{one.name:5} {value} +- {expanded}{unit} (k = 2)"
     return f"{text}, not assured: {'; '.join(one.doubts)}" if one.doubts else text
 
 

@@ -1,0 +1,157 @@
+"""The certificate of a measurement of roughness, as a page and on paper."""
+
+from __future__ import annotations
+
+import base64
+import re
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from acquisition import write_exr
+from acquisition.source import read_identity
+from rig import MAX_PIXELS
+from sgp.report import make_report
+from sgp.results import Result, sha256, write_record
+from tests.acquisition.small_session import write
+from tests.sgp.chromium import MISSING, PROGRAM
+from tests.sgp.report_folder import PIXEL_MM, SIZE, write_folder
+from tests.sgp.test_report_page import quiet
+
+PLACE = (40, 30, 30, 24)
+
+
+def parameter(name, unit, value, sigma, doubts=()):
+    budget = {} if sigma is None else {"noise": 0.6 * sigma, "filter": 0.8 * sigma}
+    return {
+        "name": name, "unit": unit, "value": value, "sigma": sigma, "measured": value,
+        "budget": budget, "doubts": list(doubts),
+    }  # fmt: skip
+
+
+@pytest.fixture
+def measured(tmp_path) -> Path:
+    """A result of an area, high in its upper half, and a profile of a simulated recording."""
+    session = write(tmp_path / "session")
+    surface = write_folder(tmp_path / "ball", inputs=[session / "session.toml"])
+    out = tmp_path / "roughness"
+    out.mkdir()
+    x, y, width, height = PLACE
+    heights = np.full(SIZE, np.nan, np.float32)
+    heights[y : y + height, x : x + width] = -0.004
+    heights[y : y + height // 2, x : x + width] = 0.004
+    outputs = {"heights_0": out / "heights_0.exr", "heights_1": out / "heights_1.csv"}
+    write_exr(outputs["heights_0"], heights)
+    lines = [f"{PIXEL_MM * n},{0.001 * n}" for n in range(20)]
+    outputs["heights_1"].write_text("\n".join(["position_mm,height_mm", *lines]))
+    scales = {"form": "plane", "s_mm": 0.8, "l_mm": 2.5}
+    area = [parameter("Sq", "um", 3.9968, 0.0456), parameter("Ssk", "", None, None)]
+    line = [parameter("Rq", "um", 5.72, 0.31, ["61% of it is noise"])]
+    metrics = {
+        "pixel_mm": PIXEL_MM, "lens_blur_px": 0.76, "lateral_resolution_mm": 0.92,
+        "regions": [
+            {"name": "seal", "kind": "area", "place": "40,30,30,24", "pixels": 720}
+            | scales | {"parameters": area},
+            {"name": "across", "kind": "profile", "place": "30,40,50,40,3", "pixels": 20}
+            | scales | {"parameters": line},
+        ],
+        "limits": [
+            {"parameter": "Sq", "region": "seal", "least": None, "most": 3.5, "answer": "exceeded"}
+        ],
+    }  # fmt: skip
+    inputs = [surface / "surface.json", surface / "height.exr"]
+    result = Result(outputs, metrics, inputs=inputs)
+    write_record(out / "roughness.json", "sgp roughness", {"result": surface}, result)
+    return out
+
+
+def html_of(folder: Path) -> str:
+    return make_report([folder], max_pixels=MAX_PIXELS).html
+
+
+def cells(html: str) -> list[list[str]]:
+    """Return the texts of the rows of all tables in the certificate."""
+    part = html[html.index('<section class="certificate">') :]
+    part = part[: part.index("</section>")]
+    rows = re.findall(r"<tr>(.*?)</tr>", part)
+    return [
+        [re.sub(r"<[^>]*>", "", one) for one in re.findall(r"<t[hd].*?>(.*?)</t[hd]>", row)]
+        for row in rows
+    ]
+
+
+def test_the_certificate_states_the_measurement_and_where_it_came_from(measured):
+    html = html_of(measured)
+    rows = cells(html)
+    assert ["Sq", "root mean square height", "3.997", "0.091", "µm"] in rows
+    assert ["Sq", "µm", "0.027", "0.036", "0.046"] in rows
+    assert ["seal", "Sq", "", "3.5", "exceeded"] in rows
+    doubted = next(row for row in rows if row[0] == "Rq" and len(row) == 5 and "." in row[2])
+    assert doubted[1].endswith("not assured: 61% of it is noise")
+    assert "Not defined here: Ssk." in html
+    conditions = "x, y, width, height 40, 30, 30, 24 px: form plane, S-filter 0.8 mm, L-filter 2.5"
+    assert conditions in html
+    for path in (measured / "heights_0.exr", measured.parent / "ball" / "height.exr"):
+        assert any(row[0].endswith(path.name) and row[1] == sha256(path) for row in rows)
+    identity = read_identity(measured.parent / "session" / "session.toml")
+    assert f"<dd>{identity.object}</dd>" in html
+    assert ("SIMULATED" in html) is identity.simulated
+    assert "NOT VALID" not in html
+
+
+def test_up_is_up_in_the_picture_of_an_area(measured):
+    pictures = re.findall(r'href="data:image/jpeg;base64,([^"]*)"', html_of(measured))
+    assert len(pictures) == 2  # the places, and the area
+    shown = cv2.imdecode(np.frombuffer(base64.b64decode(pictures[1]), np.uint8), cv2.IMREAD_COLOR)
+    height, width, _ = shown.shape
+    upper, lower = (shown[int(share * height), width // 2].astype(int) for share in (0.35, 0.65))
+    assert upper[2] > upper[0] + 80  # red
+    assert lower[0] > lower[2] + 80  # blue
+
+
+@pytest.mark.parametrize("changed", ["heights_0.exr", "roughness.json"])
+def test_a_certificate_of_changed_files_is_not_valid(measured, changed):
+    path = measured / changed
+    if changed == "roughness.json":
+        path.write_text(path.read_text().replace("3.9968", "2.9968"))
+    else:
+        write_exr(path, np.ones(SIZE, np.float32))
+    html = html_of(measured)
+    assert "NOT VALID" in html
+    assert "output-damaged" in html
+
+
+def test_without_the_surface_the_certificate_has_no_picture_of_places(measured):
+    for path in (measured.parent / "ball").iterdir():
+        path.unlink()
+    html = html_of(measured)
+    assert html.count('class="places"') == 1
+    assert ["Sq", "root mean square height", "3.997", "0.091", "µm"] in cells(html)
+    assert "input-missing" in html
+
+
+def test_damaged_heights_of_a_line_are_named(measured):
+    (measured / "heights_1.csv").write_text("position_mm\n1\n")
+    assert "heights_1.csv: is missing or damaged" in html_of(measured)
+
+
+@pytest.mark.skipif(PROGRAM is None, reason=MISSING)
+def test_a_printed_certificate_has_two_pages_of_a4_at_most(sgp, browser, measured, tmp_path):
+    page = tmp_path / "page.html"
+    sgp("report", measured, "--out", page).ok()
+    browser.open(page)
+    printed = base64.b64decode(browser.call("Page.printToPDF", preferCSSPageSize=True)["data"])
+    assert 1 <= len(re.findall(rb"/Type /Page\b", printed)) <= 2
+    (box,) = set(re.findall(rb"/MediaBox \[0 0 ([\d.]+) ([\d.]+)\]", printed))
+    assert [float(side) for side in box] == pytest.approx([595, 842], abs=1.5)
+    browser.call("Emulation.setEmulatedMedia", media="print")
+    shown = "[...document.querySelectorAll('main > section')].filter((one) => one.offsetHeight > 0)"
+    names = browser.value(f"{shown}.map((one) => one.className)")
+    assert names == ["certificate", "notices"]
+    browser.call("Emulation.setEmulatedMedia", media="")
+    for width in (1200, 390):
+        browser.resize(width, 800)
+        assert browser.value("document.documentElement.scrollWidth") <= width
+    quiet(browser, page)
