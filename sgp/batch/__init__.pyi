@@ -1,5 +1,10 @@
 from .cluster import check_scheduler as check_scheduler
 from .local import LocalWorkers as LocalWorkers
+from .parts import ROUGHNESS as ROUGHNESS
+from .parts import Part as Part
+from .parts import control_charts as control_charts
+from .parts import read_parts as read_parts
+from .parts import roughness_table as roughness_table
 from .progress import BatchProgress as BatchProgress
 from .recipe import Recipe as Recipe
 from .recipe import is_placed as is_placed

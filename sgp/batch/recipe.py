@@ -10,7 +10,7 @@ import acquisition
 import rig
 
 # Tables of a recipe, in the order of the commands.
-TABLES = ("calibrate", "run", "report")
+TABLES = ("calibrate", "run", "roughness", "report")
 _GIVEN = ("out", "force", "json", "debug")
 # Words in braces that stand for a source.
 _OF_A_SOURCE = ("source", "name", "parent")
@@ -29,6 +29,8 @@ class Recipe:
     calibrate
         Options of ``sgp calibrate spheres``, and its ``recordings``; None if the sources bring
         their lights or the options of ``run`` name them.
+    roughness
+        Options of ``sgp roughness``; None if it is not measured.
     report
         Options of ``sgp report``; None to keep the page that ``sgp run`` writes.
     folder
@@ -37,6 +39,7 @@ class Recipe:
 
     run: Mapping[str, Value] = field(default_factory=dict)
     calibrate: Mapping[str, Value] | None = None
+    roughness: Mapping[str, Value] | None = None
     report: Mapping[str, Value] | None = None
     folder: Path = field(default_factory=Path.cwd)
 
@@ -70,7 +73,7 @@ def read_recipe(path: Path) -> Recipe:
     if calibrate is not None and {"lights", "spheres"} & content.get("run", {}).keys():
         text = "[calibrate] and [run] both give the lights: remove one of them"
         raise acquisition.DataError(f"{path}: {text}")
-    return Recipe(content.get("run", {}), calibrate, content.get("report"), path.absolute().parent)
+    return Recipe(**{"run": {}} | content, folder=path.absolute().parent)
 
 
 def _check(place: str, key: str, value: object) -> None:

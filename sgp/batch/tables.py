@@ -57,14 +57,19 @@ td.good {{ background: #2da44e20; }}
 td.check {{ background: #e0a00040; }}
 td.do-not-use {{ background: #d0302040; font-weight: 600; white-space: nowrap; }}
 img {{ width: 96px; height: 72px; object-fit: contain; display: block; }}
+img.chart {{ width: auto; max-width: 100%; height: auto; background: #fff; }}
 td.text {{ max-width: 36rem; overflow-wrap: anywhere; }}
 </style></head><body>
 <h1>{title}</h1>
-<p>{counts}</p>
+<p>{counts}</p>{roughness}
 <table><thead><tr>{head}</tr></thead><tbody>
 {rows}
 </tbody></table></body></html>
 """
+
+_ROUGHNESS = """
+<p>{limits}: <a href="roughness.csv">table</a></p>
+<p><img class="chart" src="roughness.png" alt="Control charts"></p>"""
 
 
 def csv_table(states: Mapping[str, State]) -> str:
@@ -78,31 +83,35 @@ def csv_table(states: Mapping[str, State]) -> str:
     for name, state in states.items():
         writer.writerow(
             [
-                _csv_text(name),
-                _csv_text(state.source),
+                csv_text(name),
+                csv_text(state.source),
                 "done" if state.error is None else "failed",
-                _csv_text(state.verdict),
+                csv_text(state.verdict),
                 state.seconds,
                 state.cpu_seconds,
                 state.attempts,
                 state.notices.get("error", 0),
                 state.notices.get("warning", 0),
                 *[state.figures.get(key, "") for key in _FIGURES],
-                _csv_text(state.error or ""),
+                csv_text(state.error or ""),
             ]
         )
     return text.getvalue()
 
 
-def _csv_text(text: str) -> str:
+def csv_text(text: str) -> str:
+    """Return a text that no spreadsheet runs as a formula."""
     text = text.replace("\r", "\\r")  # it would begin a row: the writer does not quote it
     return _FORMULA.sub(r"\1'", text)
 
 
-def html_table(folder: Path, states: Mapping[str, State], others: int = 0) -> str:
+def html_table(
+    folder: Path, states: Mapping[str, State], others: int = 0, limits: str | None = None
+) -> str:
     """Return the table as a page, the worst sources first; it links to the results in ``folder``.
 
-    ``others`` is the number of results in the folder that are not in the table.
+    ``others`` is the number of results in the folder that are not in the table; ``limits`` says
+    which parts exceed limits of roughness, None if it was not measured.
     """
     failed = [name for name, state in states.items() if state.error is not None]
     worst = [*LABELS][::-1]
@@ -119,6 +128,7 @@ def html_table(folder: Path, states: Mapping[str, State], others: int = 0) -> st
     return _PAGE.format(
         title=_text(f"Batch {folder.name}"),
         counts=_text(counts),
+        roughness="" if limits is None else _ROUGHNESS.format(limits=_text(limits)),
         head="".join(f"<th>{_text(word)}</th>" for word in head),
         rows="\n".join(_row(folder, name, states[name]) for name in order),
     )

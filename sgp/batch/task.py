@@ -12,7 +12,16 @@ from sgp.cli.options import distinct
 from sgp.results import Result
 
 # Files and folders that a batch itself writes.
-_TAKEN = ("state", "thumbnails", "batch.csv", "batch.json", "index.html")
+_TAKEN = (
+    "state",
+    "thumbnails",
+    "batch.csv",
+    "batch.json",
+    "index.html",
+    "roughness",
+    "roughness.csv",
+    "roughness.png",
+)
 
 
 def names_of(sources: Sequence[Path], known: Mapping[str, str]) -> dict[str, Path]:
@@ -65,11 +74,14 @@ class Stage:
         The function of the command; processes receive it by its name.
     words
         The words after the command.
+    judges
+        Whether a result that is not ok is one: a limit is exceeded.
     """
 
     name: str
     command: Callable[..., Result]
     words: tuple[str, ...]
+    judges: bool = False
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections import Counter
+from collections import ChainMap, Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import chdir, contextmanager, redirect_stderr, suppress
 from dataclasses import replace
@@ -21,6 +21,7 @@ from sgp.batch.task import Outcome, Stage, Task
 from sgp.cli.exit import FAULT, error_text, exit_code
 from sgp.cli.help import usage_complaint
 from sgp.cli.options import paths_of, require_inputs, transfer_files
+from sgp.cli.places import regions
 from sgp.cli.threads import opencv_threads
 from sgp.results import Result, flat_parameters, input_hashes, output_files, own_files_named
 
@@ -88,6 +89,7 @@ def _attempt(task: Task) -> Outcome:
 def _stages(task: Task, roots: dict[str, None], before: dict[str, Stamp]) -> Outcome:
     results: list[Result] = []
     hashes: dict[str, str] = {}
+    records: list[Path] = []
     for stage in task.stages:
         bound = bound_arguments(stage)
         require_inputs(stage.command, bound.arguments)
@@ -97,22 +99,23 @@ def _stages(task: Task, roots: dict[str, None], before: dict[str, Stamp]) -> Out
         before |= {path: stamp for path, stamp in stamps(roots).items() if path not in before}
         with own_files_named():
             results.append(stage.command(*bound.args, **bound.kwargs))
-            if not results[-1].ok:
+            if not (results[-1].ok or stage.judges):
                 why = results[-1].conclusion or results[-1].summary
                 verdict = _verdict(results)
                 return Outcome("; ".join(why), results[-1].failing_code, verdict=verdict)
             used = input_hashes(results[-1].inputs)
+        if stage.judges:
+            records.append(bound.arguments["out"] / "roughness.json")
         hashes |= {str(Path(name).absolute()): digest for name, digest in used.items()}
-    outputs = {name: path for result in results for name, path in result.outputs.items()}
-    _write_thumbnail(outputs, task.thumbnail)
+    paths = [path for result in results for path in result.outputs.values()]
+    paths += records
+    _write_thumbnail(dict(ChainMap(*(result.outputs for result in results))), task.thumbnail)
     notices = Counter[str](notice.severity for result in results for notice in result.warnings)
     return Outcome(
         roots=tuple(roots),
         files={path: stamp._replace(sha256=hashes.get(path, "")) for path, stamp in before.items()},
-        outputs=tuple(str(path.absolute()) for path in outputs.values()),
-        sizes={
-            str(path.absolute()): path.stat().st_size for path in output_files(outputs.values())
-        },
+        outputs=tuple(str(path.absolute()) for path in dict.fromkeys(paths)),
+        sizes={str(path.absolute()): path.stat().st_size for path in output_files(paths)},
         notices=dict(notices),
         figures={name: value for one in results for name, value in _figures(one.metrics).items()},
         verdict=_verdict(results),
@@ -127,7 +130,9 @@ def _verdict(results: Sequence[Result]) -> str:
 def _inputs(arguments: Mapping[str, Any]) -> list[Path]:
     """Return the paths among the arguments of a command except that of its result."""
     flat = flat_parameters({name: value for name, value in arguments.items() if name != "out"})
-    return [*paths_of(flat.values()), *transfer_files(flat.get("gamma", "auto"))]
+    masks = (one.mask for one in regions(flat.get("region", ())))
+    named = [*transfer_files(flat.get("gamma", "auto")), *masks]
+    return paths_of([*flat.values(), *named])
 
 
 def _figures(metrics: Mapping[str, Any]) -> dict[str, int | float | None]:

@@ -7,17 +7,20 @@ from collections import Counter
 from collections.abc import Mapping
 from contextlib import AbstractContextManager, chdir, nullcontext
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import CycloptsError, Parameter
 from cyclopts.validators import Number
 
 import acquisition
 import rig as rigs
+from processing.roughness import read_limits
 from sgp.batch import (
+    ROUGHNESS,
     BatchProgress,
     LocalWorkers,
     Outcome,
+    Part,
     Recipe,
     Stage,
     State,
@@ -27,6 +30,7 @@ from sgp.batch import (
     batch_folder,
     bound_arguments,
     check_scheduler,
+    control_charts,
     csv_table,
     html_table,
     is_placed,
@@ -35,22 +39,28 @@ from sgp.batch import (
     other_results,
     placed,
     places_of,
+    read_parts,
     read_recipe,
     reason_to_run,
+    roughness_table,
     state_of,
 )
 from sgp.batch.cluster import cluster
 from sgp.cli.console import note
-from sgp.cli.exit import ClusterError, UsageError, exit_code
+from sgp.cli.exit import UNUSABLE, ClusterError, UsageError, exit_code
 from sgp.cli.help import usage_complaint
 from sgp.cli.options import Inputs, Memory, OptionalInput, Whole, inputs_of
+from sgp.cli.places import lines, regions
 from sgp.commands.calibrate import spheres
 from sgp.commands.report import report
+from sgp.commands.roughness import roughness
 from sgp.commands.run import run
+from sgp.pictures import write_overview
 from sgp.results import LABELS, BatchMetrics, Result, check_output, input_hashes, write_record
 from sgp.stages import size_text
 
 _LEAST_MEMORY = 2**29
+_CHARTS = "Control charts: mean, 3-sigma limits (dashed), specification (red), bars k = 2"
 _Workers = Annotated[Whole, Parameter(validator=Number(gte=1, lte=256))]
 _Retries = Annotated[Whole, Parameter(validator=Number(gte=0, lte=100))]
 
@@ -74,9 +84,12 @@ def batch(
 
     A recipe is a TOML file. Its table [run] has options of `sgp run` by their long names. If each
     source has its own recording of spheres, the table [calibrate] has recordings, and options of
-    `sgp calibrate spheres`. With a table [report], its page is written again with options of
-    `sgp report`. Paths are relative to the recipe; {source}, {name} and {parent} stand for the path
-    of the source, its name and the folder that contains it.
+    `sgp calibrate spheres`. With a table [roughness], options of `sgp roughness`, the folder
+    roughness has a result for each source, roughness.csv the table of all, and roughness.png
+    control charts; the exit code is 6 if a limit is exceeded and no source failed. With a table
+    [report], the page of `sgp run` is written again with options of `sgp report`. Paths are
+    relative to the recipe; {source}, {name} and {parent} stand for the path of the source, its name
+    and the folder that contains it.
 
     For example:
 
@@ -141,7 +154,8 @@ def batch(
                 raise
             lost = error
         shown = {task.name: known[task.name] for task in tasks}
-        result = _written(out, shown, recipe, len(due), len(known) - len(shown))
+        parts = None if chosen.roughness is None else _parts(out, shown)
+        result = _written(out, shown, parts, recipe, len(due), len(known) - len(shown))
         write_record(out / "batch.json", "sgp batch", parameters, result)
         result.outputs["record"] = out / "batch.json"
         if lost is not None:
@@ -196,6 +210,10 @@ def _stages(
         stages.append(Stage("sgp calibrate spheres", spheres, (*paths, *given)))
         words.append(f"--lights={lights}")
     stages.append(Stage("sgp run", run, tuple(words)))
+    if recipe.roughness is not None:
+        given = [str(target), f"--out={target.parent / ROUGHNESS / target.name}", "--force"]
+        given += option_words(recipe.roughness, places)
+        stages.append(Stage("sgp roughness", roughness, tuple(given), judges=True))
     if recipe.report is not None:
         page = [str(target), f"--out={target / 'report.html'}", "--force"]
         page += option_words(recipe.report, places)
@@ -220,10 +238,29 @@ def _check_options(recipe: Recipe, path: Path | None, first: Path) -> None:
                 bound = bound_arguments(stage)
             except CycloptsError:  # an option that is valid with the words of a source only
                 continue
+            if stage.command is roughness:
+                _check_places(where, bound.arguments)
             for file in inputs_of(stage.command, bound.arguments):
                 if not is_placed(str(file)) and not file.exists():
                     text = f"{where}: {acquisition.missing_path(file)}"
                     raise UsageError(f"{text}; its paths are relative to {recipe.folder}")
+
+
+def _check_places(where: object, arguments: Mapping[str, Any]) -> None:
+    """Refuse areas, lines and limits that no source can have."""
+    named = {
+        name: [one for one in arguments[name] if not is_placed(one)]
+        for name in ("region", "line", "step")
+    }
+    limits = arguments["limits"]
+    try:
+        regions(named["region"])
+        for name in ("line", "step"):
+            lines(named[name], f"--{name}")
+        if limits is not None and not is_placed(str(limits)) and limits.exists():
+            read_limits(limits)
+    except (UsageError, acquisition.DataError) as error:
+        raise UsageError(f"{where}: [roughness] {error}") from error
 
 
 def _due(tasks: list[Task], states: States, known: dict[str, State]) -> list[Task]:
@@ -271,15 +308,35 @@ def _work(pool: Workers, due: list[Task], states: States, known: dict[str, State
             raise
 
 
+def _parts(out: Path, states: Mapping[str, State]) -> list[Part]:
+    return read_parts(out, [name for name, state in states.items() if state.error is None])
+
+
 def _written(
-    out: Path, states: Mapping[str, State], recipe: Path | None, computed: int, others: int
+    out: Path,
+    states: Mapping[str, State],
+    parts: list[Part] | None,
+    recipe: Path | None,
+    computed: int,
+    others: int,
 ) -> Result:
-    """Write the tables."""
+    """Write the tables, and those of roughness if it was measured."""
     failed = {name: state for name, state in states.items() if state.error is not None}
     done = len(states) - len(failed)
     outputs = {"table": out / "batch.csv", "page": out / "index.html"}
     acquisition.write_durably(outputs["table"], csv_table(states).encode(errors="backslashreplace"))
-    page = html_table(out, states, others)
+    exceeded = [part.name for part in parts or () if part.has("exceeded")]
+    limits = None
+    if parts:
+        undecided = sum(part.has("undecided") for part in parts)
+        limits = f"limits of roughness: {rigs.pluralize(len(exceeded), 'part')} beyond one"
+        limits += f" ({rigs.listed(exceeded)})" if exceeded else ""
+        limits += f", {undecided} undecided"
+        outputs |= {"roughness": out / "roughness.csv", "control_charts": out / "roughness.png"}
+        table = roughness_table(parts).encode(errors="backslashreplace")
+        acquisition.write_durably(outputs["roughness"], table)
+        write_overview(outputs["control_charts"], _CHARTS, control_charts(parts))
+    page = html_table(out, states, others, limits)
     acquisition.write_durably(outputs["page"], page.encode(errors="backslashreplace"))
     summary = [
         f"{name}: {state.error} (log: {out / 'state' / name}.log)" for name, state in failed.items()
@@ -296,14 +353,17 @@ def _written(
             done=done,
             failed=len(failed),
             computed=computed,
+            **({} if parts is None else {"exceeded": len(exceeded)}),
         ),
         summary=[
             *summary,
             counts,
             *([f"verdicts: {answers}"] if answers else ()),
+            *([limits] if limits else ()),
             *([other_results(others)] if others else ()),
             f"look at  {outputs['page']}",
         ],
         inputs=[] if recipe is None else [recipe],
-        ok=not failed,
+        ok=not failed and not exceeded,
+        **({} if failed else {"failing_code": UNUSABLE}),
     )

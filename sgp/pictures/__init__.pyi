@@ -1,6 +1,9 @@
 from .camera import coverage_panel as coverage_panel
 from .camera import reprojection_panel as reprojection_panel
 from .camera import views_panel as views_panel
+from .control_chart import Series as Series
+from .control_chart import control_panel as control_panel
+from .control_chart import individuals_limits as individuals_limits
 from .crop import Crop as Crop
 from .flat import histogram_panel as histogram_panel
 from .flat import pixel_panel as pixel_panel

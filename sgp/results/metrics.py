@@ -1311,12 +1311,15 @@ class BatchMetrics(TypedDict):
         those without one
     computed
         those that were computed by this run
+    exceeded
+        table `[roughness]` of the recipe: those that exceed a limit
     """
 
     sources: int
     done: int
     failed: int
     computed: int
+    exceeded: NotRequired[int]
 
 
 class SimulateMetrics(TypedDict):
