@@ -346,15 +346,12 @@ def _written(
         counts += f", {len(failed)} failed: run the command again to try them again"
     found = Counter(state.verdict for state in states.values())
     answers = ", ".join(f"{found[name]} {word}" for name, word in LABELS.items() if found[name])
+    metrics = BatchMetrics(sources=len(states), done=done, failed=len(failed), computed=computed)
+    if parts is not None:
+        metrics["exceeded"] = len(exceeded)
     return Result(
         outputs=outputs,
-        metrics=BatchMetrics(
-            sources=len(states),
-            done=done,
-            failed=len(failed),
-            computed=computed,
-            **({} if parts is None else {"exceeded": len(exceeded)}),
-        ),
+        metrics=metrics,
         summary=[
             *summary,
             counts,
@@ -365,5 +362,5 @@ def _written(
         ],
         inputs=[] if recipe is None else [recipe],
         ok=not failed and not exceeded,
-        **({} if failed else {"failing_code": UNUSABLE}),
+        failing_code=4 if failed else UNUSABLE,
     )

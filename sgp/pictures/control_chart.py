@@ -88,7 +88,7 @@ def control_panel(series: Series) -> Panel:
             where, series.values, np.nan_to_num(series.expanded),
             fmt="o-", ms=4, lw=0.8, capsize=2, color="tab:blue", ecolor="0.5",
         )  # fmt: skip
-        axes.plot(where[marked], series.values[marked], "o", ms=7, color="tab:red")
+        axes.plot(where[marked], series.values[marked], "o", ms=7, color="tab:red", zorder=3)
         limits = individuals_limits(series.values)
         if limits is not None:
             axes.axhline(limits.centre, color="0.3", lw=0.8)
