@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Final
@@ -17,6 +18,7 @@ from sgp.report.folder import ResultFolder, noted
 from sgp.report.kinds import ALBEDO, HEIGHT, MASKS, NUMBERS, VECTORS, quantiser
 from sgp.report.large_maps import Values, known, read_map, read_vectors
 from sgp.report.planes import Plane, Tile, tiles_of
+from sgp.results import USUAL_BLUR_PX, read_record
 
 Read = tuple[str, Values, Bool]
 _MOSTLY: Final = 0.9
@@ -328,4 +330,34 @@ def camera_of(folder: ResultFolder, maps: Embedded) -> dict[str, Any] | None:
         )
         place = [size * (axis[0] - column), size * (row - axis[1])]
         return {"distance": float(distance), "axis": place}
+    return None
+
+
+def resolution_of(folder: ResultFolder, maps: Embedded) -> dict[str, Any] | None:
+    """Return blur, origin and reduction of the heights; None if their roughness is not defined.
+
+    The blur by lens and pixels and the origin of the rectangle are in pixels of the map; parts
+    whose relative heights are not known have no roughness in common.
+    """
+    figures: dict[str, Any] = {}
+    for record in reversed([*folder.records.values()]):
+        figures |= record.metrics
+    if maps.unit != "mm" or "height" not in maps.planes or figures.get("parts", 1) != 1:
+        return None
+    blur = figures.get("lens_blur_px", _blur_of_normals(folder))
+    return {
+        "blur": USUAL_BLUR_PX if blur is None else blur,
+        "origin": [maps.crop.columns.start, maps.crop.rows.start],
+        "reduction": maps.crop.step,
+    }
+
+
+def _blur_of_normals(folder: ResultFolder) -> Any:
+    """Return the blur of the normals that `sgp surface` has integrated; None if it is not known."""
+    named = folder.parameter("normals")
+    if isinstance(named, str):
+        place = folder.located(named)
+        for path in (place / "normals" / "normals.json", place / "normals.json"):
+            with suppress(acquisition.DataError, acquisition.MissingPathError):
+                return read_record(path).metrics.get("lens_blur_px")
     return None

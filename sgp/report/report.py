@@ -20,6 +20,7 @@ from sgp.report.maps import (
     embed,
     embed_beside,
     height_differences,
+    resolution_of,
 )
 from sgp.report.page import colour_maps, page
 from sgp.report.planes import SIDE
@@ -273,6 +274,7 @@ def _described(part: Part, maps: Embedded) -> dict[str, Any]:
         "reduction": maps.crop.step,
         "heightDifferences": None if part.folder is None else height_differences(part.folder),
         "camera": None if part.folder is None else camera_of(part.folder, maps),
+        "roughness": None if part.folder is None else resolution_of(part.folder, maps),
         "marked": not maps.mostly_invented,
         "planes": [
             {"id": _plane_id(part, plane.name), **plane.header()} for plane in maps.planes.values()

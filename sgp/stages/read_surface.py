@@ -14,14 +14,13 @@ import rig
 from processing.roughness import ErrorModel, NormalErrors, Resolution
 from rig.arrays import Float32, Int32
 from sgp.cli.exit import UsageError
-from sgp.results import ResultRecord, input_hashes, read_record
+from sgp.results import USUAL_BLUR_PX, ResultRecord, input_hashes, read_record
 from sgp.stages.result_source import NormalsResult, find_normals
 from sgp.stages.sigma_map import read_sigma
 
 _RECORD = "surface.json"
-# Blur of a usual lens in focus with the aperture of a pixel, in pixels, and its relative standard
-# deviation, which is also that of the blur that normals show.
-_USUAL_BLUR_PX, _SPREAD = 0.76, 0.25
+# Relative standard deviation of the blur of a usual lens, and of that which normals show.
+_SPREAD = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +137,7 @@ def read_surface(path: Path, *, scale_sigma: float, max_pixels: int) -> SurfaceI
     elif normals is not None and normals.record.verdict not in (None, "good"):
         notices.append(_verdict(normals))
     input_hashes(files)
-    blur_px = _USUAL_BLUR_PX if blur is None else blur
+    blur_px = USUAL_BLUR_PX if blur is None else blur
     return SurfaceInput(
         heights_mm=np.where(np.isfinite(heights), heights, np.float32(math.nan)),
         parts=parts,

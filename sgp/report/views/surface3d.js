@@ -54,7 +54,7 @@ export async function mount(body, { results, report }) {
     canvas.dataset.texture = name;
   };
   const open = async (result) => {
-    const data = { ...(await result.data()), camera: result.camera, result };
+    const data = { ...(await result.data()), camera: result.camera, roughness: result.roughness, result };
     state.data = data;
     state.heights = new Heights(data, result.heightDifferences ?? null);
     const mesh = meshOf(state.heights, MOST_VERTICES);

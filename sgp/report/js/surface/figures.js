@@ -1,6 +1,7 @@
 // Figures as text, with their standard deviations.
 
 const SIGNIFICANT = 5;
+const THREE = 3; // significant digits of parameters
 const LEAST = 4; // significant digits of a value whose standard deviation is larger
 
 /** Write a length or an area; with two digits of its standard deviation, if that is known. */
@@ -36,6 +37,19 @@ export function described(found, unit) {
   return [
     ["Area seen from the front", quantity(found.area, `${unit}²`)],
     ["Area of the surface", quantity(found.surface, `${unit}²`) + part],
+    ...(found.roughness ? rough(found.roughness) : []),
+  ];
+}
+
+function rough({ region, sFilter, ...values }) {
+  const filter = `S-filter ${sFilter} mm`;
+  if (values.Sa === undefined) return [["Roughness", `not defined: the rectangle is smaller than the ${filter}`]];
+  const height = (value) => `${value.toPrecision(THREE)} µm`;
+  const where = region ? `region ${region}` : "reduced heights, so that the values differ from those of sgp roughness";
+  return [
+    ["Sa, Sq, Sz", [values.Sa, values.Sq, values.Sz].map(height).join(", ")],
+    ["Ssk, Sku", [values.Ssk, values.Sku].map((value) => sign(value.toPrecision(THREE))).join(", ")],
+    ["Roughness of", `${where}; form plane, ${filter}, no L-filter, noise included`],
   ];
 }
 

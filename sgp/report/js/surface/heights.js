@@ -4,9 +4,10 @@ export class Heights {
   /**
    * `differences`: {distances, sigma} of differences in height, or null. `camera`: {distance, axis} of a
    * perspective camera, its axis at [x, y], or null. `jumps`: 1 at a pixel with a jump to the right, 2 below, or null.
+   * `roughness`: {blur, origin, reduction} of the map if its roughness is defined, or null.
    */
-  constructor({ columns, rows, pixelSize, unit, height, sigma, camera = null, jumps = null }, differences = null) {
-    Object.assign(this, { columns, rows, pixelSize, unit, height, sigma, differences, camera, jumps });
+  constructor({ columns, rows, pixelSize, unit, height, sigma, camera = null, jumps = null, roughness = null }, differences = null) {
+    Object.assign(this, { columns, rows, pixelSize, unit, height, sigma, differences, camera, jumps, roughness });
     this.digits = Math.max(0, Math.ceil(-Math.log10(pixelSize / 20)));
   }
 

@@ -1,6 +1,9 @@
 // Figures of points on a surface: positions, distances, profiles, areas.
 
+import { roughness } from "./roughness.js";
+
 const MOST_SAMPLES = 4000;
+const computed = new WeakMap(); // by the points of a mark
 
 /** Return the figures of 1, 2, or 3 and more points. A number that is not known is NaN. */
 export function measured(heights, points) {
@@ -54,7 +57,9 @@ function area(heights, points) {
   if (crossing(points)) return { kind: "area", area: NaN, surface: NaN, missing: NaN, crossing: true };
   const seen = Math.abs(shoelace(points));
   const { front, surface, missing } = enlargements(heights, points);
-  return { kind: "area", area: seen * (Number.isNaN(front) ? 1 : front), surface: seen * (1 - missing) * surface, missing, crossing: false };
+  if (computed.get(points)?.heights !== heights) computed.set(points, { heights, found: roughness(heights, points) });
+  const { found } = computed.get(points);
+  return { kind: "area", area: seen * (Number.isNaN(front) ? 1 : front), surface: seen * (1 - missing) * surface, missing, crossing: false, ...(found && { roughness: found }) };
 }
 
 function shoelace(points) {

@@ -5,10 +5,12 @@ import { described, forFile } from "./figures.js";
 import { MOST_LETTERS } from "./marks.js";
 import { measured, profile } from "./measure.js";
 import { profilePlot, profileTable } from "./plot.js";
+import { corners } from "./roughness.js";
 
 const KINDS = {
   point: { label: "Point", least: 1, most: 1, hint: "Click a place on the surface, or type it." },
   distance: { label: "Distance", least: 2, most: 2, hint: "Click two places on the surface, or type them." },
+  rectangle: { label: "Rectangle", least: 2, most: 2, hint: "Click two opposite corners on the surface, or type them." },
   area: { label: "Area", least: 3, most: Infinity, hint: "Click the corners of a polygon, or type them; then press Done." },
 };
 
@@ -68,9 +70,14 @@ export function panel(changed) {
   }
 
   function finish() {
-    const { points, kind } = state;
-    if (points.length < KINDS[kind].least) return;
+    const { kind } = state;
+    if (state.points.length < KINDS[kind].least) return;
+    const points = kind === "rectangle" ? corners(state.heights, state.points) : state.points;
     state.points = [];
+    if (kind === "rectangle" && (points[0][0] === points[2][0] || points[0][1] === points[2][1])) {
+      refresh("Both corners are in one row or column of pixels.");
+      return;
+    }
     guarded(() => (state.selected = state.marks.add(points)));
   }
 
