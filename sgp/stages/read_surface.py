@@ -19,8 +19,8 @@ from sgp.stages.result_source import NormalsResult, find_normals
 from sgp.stages.sigma_map import read_sigma
 
 _RECORD = "surface.json"
-# Relative standard deviation of the blur of a usual lens, and of that which normals show.
-_SPREAD = 0.25
+# Relative standard deviations of the blur of a usual lens, and of that which normals show.
+_USUAL_SPREAD, _SHOWN_SPREAD = 0.25, 0.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,10 +138,11 @@ def read_surface(path: Path, *, scale_sigma: float, max_pixels: int) -> SurfaceI
         notices.append(_verdict(normals))
     input_hashes(files)
     blur_px = USUAL_BLUR_PX if blur is None else blur
+    spread = _USUAL_SPREAD if blur is None else _SHOWN_SPREAD
     return SurfaceInput(
         heights_mm=np.where(np.isfinite(heights), heights, np.float32(math.nan)),
         parts=parts,
-        resolution=Resolution(pixel, blur_px, _SPREAD * blur_px),
+        resolution=Resolution(pixel, blur_px, spread * blur_px),
         errors=errors,
         joined="prior_heights" in metrics,
         normals=normals,

@@ -5,7 +5,6 @@ const NESTING = [-4, -3, -2, -1, 0, 1, 2].flatMap((power) => DIGITS.map((digit) 
 const LEAST_PIXELS = 5; // of the nesting index of an S-filter
 const HALF = Math.PI * Math.sqrt(2 / Math.log(2)); // a Gaussian of deviation 1 transmits half of a wave of this length
 const DEVIATION = Math.sqrt(Math.log(2) / Math.PI) / Math.sqrt(2 * Math.PI); // of an S-filter, in nesting indices
-const INTEGRATION = 1 / 6; // variance of the blur by the integration of slopes, in square pixels
 const LEAST_VARIANCE = 1e-4;
 const REACH = 5.5;
 const LEAST_SPREAD = 0.05;
@@ -39,7 +38,7 @@ export function roughness(heights, points) {
   if (!box) return null;
   const { blur, origin, reduction } = heights.roughness;
   const pixel = heights.pixelSize * (1 - (heights.camera ? mean(heights.height) / heights.camera.distance : 0));
-  const removed = Math.sqrt((blur ** 2 + INTEGRATION) / reduction ** 2 + (1 - 1 / reduction ** 2) / 12);
+  const removed = Math.sqrt(blur ** 2 / reduction ** 2 + (1 - 1 / reduction ** 2) / 12);
   const least = Math.max(HALF * removed, 2, LEAST_PIXELS) * pixel;
   const sFilter = NESTING.find((one) => one >= least) ?? least;
   const region = reduction > 1 ? null : [origin[0] + box.column, origin[1] + box.row, box.columns, box.rows].join(",");
