@@ -24,7 +24,7 @@ def instrument_rows(
     folder: ResultFolder, recording: Recording, notices: list[rig.Notice]
 ) -> list[Row]:
     """Return terms and texts about the instrument, as far as records and files state it."""
-    files = _files(folder, notices)
+    files, changed = _files(folder, notices)
     rows: list[Row] = []
     with noted(notices, "recording"):
         rows += _devices(recording)
@@ -36,14 +36,15 @@ def instrument_rows(
     ):
         text = "not known"
         with noted(notices, "recording"):
-            text = text_of(files.get(name), recording.source)
+            if name not in changed:
+                text = text_of(files.get(name), recording.source)
         rows.append((term, text))
     return [*rows, *_agreement(folder)]
 
 
-def _files(folder: ResultFolder, notices: list[rig.Notice]) -> dict[str, Path]:
-    """Return the files of calibrations that the records name, without those that changed."""
-    inputs, found = Inputs(folder), dict[str, Path]()
+def _files(folder: ResultFolder, notices: list[rig.Notice]) -> tuple[dict[str, Path], set[str]]:
+    """Return the files of calibrations that the records name, and which of them have changed."""
+    inputs, found, changed = Inputs(folder), dict[str, Path](), set[str]()
     for name in ("camera", "sensor", "flat"):
         stated = folder.parameter(name)
         if not isinstance(stated, str):
@@ -52,9 +53,10 @@ def _files(folder: ResultFolder, notices: list[rig.Notice]) -> dict[str, Path]:
         path = path / "flat.json" if path.is_dir() else path
         if inputs.state(path) == "changed":
             notices.append(changed_notice([path], "what it states is not shown"))
+            changed.add(name)
         else:
             found[name] = path
-    return found
+    return found, changed
 
 
 def _devices(recording: Recording) -> Iterator[Row]:

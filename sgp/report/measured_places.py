@@ -91,7 +91,7 @@ def line_figure(file: Path, name: str) -> Html:
 
 
 def _shade(heights: Float32, pixel_mm: float) -> Floating:
-    """Return heights in mm under a light from the upper left, RGB; white where there are none."""
+    """Return heights in mm under a light from the upper left, RGB; unknown ones are white."""
     down, right = np.gradient(heights / np.float32(pixel_mm))
     normals = np.stack([-right, down, np.ones_like(heights)], axis=-1)
     lit = normals @ np.array(_LIGHT) / np.linalg.norm(normals, axis=-1)

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import base64
 import re
+from datetime import UTC, datetime
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from acquisition import write_exr
+from acquisition import CameraModel, Flat, Lights, write_camera, write_exr
 from acquisition.source import read_identity
+from acquisition.value_files import flat_files, write_flat, write_sensor
+from acquisition.values import Calibrated, LightErrors, Measured, MeasuredSensor, Setup
 from rig import MAX_PIXELS
-from sgp.report import make_report
+from sgp.report import make_report, read_folder
+from sgp.report.instrument import instrument_rows
+from sgp.report.recording import Recording
 from sgp.results import Result, sha256, write_record
 from tests.acquisition.small_session import write
 from tests.sgp.chromium import MISSING, PROGRAM
@@ -155,3 +160,41 @@ def test_a_printed_certificate_has_two_pages_of_a4_at_most(sgp, browser, measure
         browser.resize(width, 800)
         assert browser.value("document.documentElement.scrollWidth") <= width
     quiet(browser, page)
+
+
+def test_the_instrument_is_that_of_the_files_that_the_record_names(tmp_path):
+    time = datetime(2026, 3, 1, 12, 0, tzinfo=UTC)
+    setup = Setup("dome", "Maker", "M2", "77")
+    camera = CameraModel([[900, 0, 54.5], [0, 900, 44.5], [0, 0, 1]], SIZE[1], SIZE[0], 500.0)
+    ones = np.ones(SIZE, np.float32)
+    write_camera(tmp_path / "camera.json", camera)
+    write_flat(
+        tmp_path / "flat", Flat(ones, ones, pixel_std=0.002, calibrated=Calibrated(time, setup))
+    )
+    figure = Measured(2.5, 0.02)
+    sensor = MeasuredSensor(12, 0.0, figure, figure, *[Measured(0.01, 0.001)] * 4, time_utc=time)
+    write_sensor(tmp_path / "sensor.json", sensor)
+    spread = np.broadcast_to(np.diag([0.04, 0.09, 0.25]), (4, 3, 3))
+    places = [[100.0, 0, 300], [0, 100, 300], [-100, 0, 300], [0, -100, 300]]
+    errors = LightErrors(spread, np.full(4, 0.01))
+    lights = Lights(
+        positions_mm=np.array(places), errors=errors, calibrated=Calibrated(time, setup)
+    )
+    named = {name: tmp_path / f"{name}.json" for name in ("camera", "sensor")}
+    named["flat"] = tmp_path / "flat"
+    files = [named["camera"], named["sensor"], *flat_files(named["flat"])]
+    folder = write_folder(tmp_path / "ball", inputs=files, **named)
+    notices = []
+    rows = dict(instrument_rows(read_folder(folder), Recording(lights=lights), notices))
+    assert notices == []
+    assert rows["Lights"] == (
+        "4 near lights, calibrated 2026-03-01 12:00 UTC, standard deviation of positions 0.5 mm "
+        "(median), of intensities 1 %"
+    )
+    assert rows["Camera calibration"].startswith("focal length 900.0 px, working distance 500 mm")
+    assert rows["Sensor"].startswith("calibrated 2026-03-01 12:00 UTC, 2.5 electrons/DN (standard")
+    assert "standard deviation of pixels 0.2 %" in rows["Flat field"]
+    (tmp_path / "sensor.json").write_text("{}")
+    rows = dict(instrument_rows(read_folder(folder), Recording(), notices))
+    assert [one.code for one in notices] == ["input-changed"]
+    assert rows["Sensor"] == "not known"

@@ -44,11 +44,12 @@ export function described(found, unit) {
 function rough({ region, sFilter, ...values }) {
   const filter = `S-filter ${sFilter} mm`;
   if (values.Sa === undefined) return [["Roughness", `not defined: the rectangle is smaller than the ${filter}`]];
-  const height = (value) => `${value.toPrecision(THREE)} µm`;
+  const short = (value) => sign(String(Number(value.toPrecision(THREE))));
+  const height = (value) => `${short(value)} µm`;
   const where = region ? `region ${region}` : "reduced heights, so that the values differ from those of sgp roughness";
   return [
     ["Sa, Sq, Sz", [values.Sa, values.Sq, values.Sz].map(height).join(", ")],
-    ["Ssk, Sku", [values.Ssk, values.Sku].map((value) => sign(value.toPrecision(THREE))).join(", ")],
+    ["Ssk, Sku", [values.Ssk, values.Sku].map(short).join(", ")],
     ["Roughness of", `${where}; form plane, ${filter}, no L-filter, noise included`],
   ];
 }
