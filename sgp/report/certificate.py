@@ -67,7 +67,7 @@ def certificate(
         tag("p", _VOID, class_="failed") if verified.faults else Html(""),
         tag("p", by, class_="lead"),
         tag("div", tag("div", *about), where, class_="columns"),
-        *_limits(figures.get("limits", ())),
+        *_limits(figures),
         *regions,
         details("Files of the result, and inputs (SHA-256)", _hashes(record)),
     )
@@ -149,21 +149,33 @@ def _value(found: Any) -> Iterator[Html]:
     yield _unit(found)
 
 
-def _limits(limits: Sequence[Any]) -> Iterator[Html]:
-    if not limits:
+def _limits(figures: Any) -> Iterator[Html]:
+    if "limits" not in figures:
         return
-    rows = (
-        (
-            tag("td", one["region"]),
-            tag("th", one["parameter"], scope="row"),
-            tag("td", "" if one["least"] is None else f"{one['least']:g}", class_="number"),
-            tag("td", "" if one["most"] is None else f"{one['most']:g}", class_="number"),
-            tag("td", one["answer"], class_=f"answer {one['answer']}"),
-        )
-        for one in limits
-    )
+    found = {
+        (one["name"], parameter["name"]): parameter
+        for one in figures["regions"]
+        for parameter in one["parameters"]
+    }
     yield tag("h3", "Limits (ISO 14253-1)")
-    yield _table(("Place", "Parameter", "At least", "At most", "Answer"), rows)
+    table = _table(
+        ("Place", "Parameter", "At least", "At most", "Value", "U (k = 2)", "Unit", "Answer"),
+        (_limit(one, found[one["region"], one["parameter"]]) for one in figures["limits"]),
+    )
+    yield tag("div", table, class_="scroll")
+
+
+def _limit(limit: Any, found: Any) -> Iterator[Html]:
+    value, expanded = (
+        ("", "") if found["value"] is None else rounded(found["value"], found["sigma"])
+    )
+    ends = ("" if limit[end] is None else f"{limit[end]:g}" for end in ("least", "most"))
+    yield tag("td", limit["region"])
+    yield tag("th", limit["parameter"], scope="row")
+    for text in (*ends, value, expanded):
+        yield tag("td", text, class_="number")
+    yield _unit(found)
+    yield tag("td", limit["answer"], class_=f"answer {limit['answer']}")
 
 
 def _hashes(record: ResultRecord) -> Html:

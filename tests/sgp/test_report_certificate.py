@@ -92,7 +92,7 @@ def test_the_certificate_states_the_measurement_and_where_it_came_from(measured)
     rows = cells(html)
     assert ["Sq", "root mean square height", "3.997", "0.091", "µm"] in rows
     assert ["Sq", "µm", "0.027", "0.036", "0.046"] in rows
-    assert ["seal", "Sq", "", "3.5", "exceeded"] in rows
+    assert ["seal", "Sq", "", "3.5", "3.997", "0.091", "µm", "exceeded"] in rows
     doubted = next(row for row in rows if row[0] == "Rq" and len(row) == 5 and "." in row[2])
     assert doubted[1].endswith("not assured: 61% of it is noise")
     assert "Not defined here: Ssk." in html
