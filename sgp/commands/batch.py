@@ -327,15 +327,21 @@ def _written(
     acquisition.write_durably(outputs["table"], csv_table(states).encode(errors="backslashreplace"))
     exceeded = [part.name for part in parts or () if part.has("exceeded")]
     limits = None
+    table, charts = out / "roughness.csv", out / "roughness.png"
+    for earlier in (table, charts):
+        earlier.unlink(missing_ok=True)
     if parts:
-        undecided = sum(part.has("undecided") for part in parts)
-        limits = f"limits of roughness: {rigs.pluralize(len(exceeded), 'part')} beyond one"
-        limits += f" ({rigs.listed(exceeded)})" if exceeded else ""
-        limits += f", {undecided} undecided"
-        outputs |= {"roughness": out / "roughness.csv", "control_charts": out / "roughness.png"}
-        table = roughness_table(parts).encode(errors="backslashreplace")
-        acquisition.write_durably(outputs["roughness"], table)
-        write_overview(outputs["control_charts"], _CHARTS, control_charts(parts))
+        limits = f"roughness of {rigs.pluralize(len(parts), 'part')}"
+        if any("limits" in part.record.metrics for part in parts):
+            undecided = sum(part.has("undecided") for part in parts)
+            names = f" ({rigs.listed(exceeded)})" if exceeded else ""
+            limits += f": {len(exceeded)} beyond a limit{names}, {undecided} undecided"
+        outputs |= {"roughness": table}
+        content = roughness_table(parts).encode(errors="backslashreplace")
+        acquisition.write_durably(table, content)
+        if panels := control_charts(parts):
+            outputs |= {"control_charts": charts}
+            write_overview(charts, _CHARTS, panels)
     page = html_table(out, states, others, limits)
     acquisition.write_durably(outputs["page"], page.encode(errors="backslashreplace"))
     summary = [

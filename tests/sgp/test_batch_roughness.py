@@ -125,6 +125,7 @@ def test_wrong_places_and_limits_are_refused_before_any_work(
     assert text in answer.error_line(2)
 
 
+@pytest.mark.slow
 def test_each_part_is_measured_and_limits_decide_the_exit_code(
     here,  # noqa: F811
     sgp,
@@ -150,6 +151,11 @@ def test_each_part_is_measured_and_limits_decide_the_exit_code(
     assert float(row["value"]) == pytest.approx(sq["value"], rel=1e-5)
     assert (row["most"], row["answer"]) == ("1e-06", "exceeded")
     assert read_image(out / "roughness.png").ndim == 3
-    assert "roughness.csv" in (out / "index.html").read_text()
+    page = (out / "index.html").read_text()
+    assert "roughness of 2 parts: 2 beyond a limit (ball, bright), 0 undecided" in page
+    assert 'href="roughness.csv"' in page
     (two[1] / "ball.3.png").write_bytes(b"no image")
     assert sgp(*words).code == 4
+    recipe.write_text(RECIPE.partition("[roughness]")[0])
+    assert sgp(*words).code == 4
+    assert not (out / "roughness.csv").exists()
