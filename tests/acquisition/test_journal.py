@@ -268,7 +268,7 @@ def test_any_bytes_are_parsed_without_an_error(data: bytes) -> None:
     assert parse_journal(data).lines == ()
 
 
-@settings(max_examples=100)
+@settings(max_examples=50)
 @given(
     st.recursive(
         st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(),
