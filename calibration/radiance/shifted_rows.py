@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
 
 from acquisition.comparison import lanczos
-from rig.arrays import AnyArray, Float32
+from rig.arrays import AnyArray, Float32, Float64
 
 # Rows and columns that the interpolation needs on each side.
 _REACH: Final = 5
+
+
+@lru_cache(maxsize=128)
+def _weights(shift: float) -> Float64:
+    """Return the weights for a shift; many parts of an image have the same one."""
+    return lanczos(shift % 1)
 
 
 class Shift(NamedTuple):
@@ -52,14 +59,17 @@ class Shift(NamedTuple):
             NaN next to missing samples, and outside the image.
         """
         whole = math.floor(self.right), math.floor(self.down)
-        right, down = (lanczos(part % 1) for part in self)
         missing = ~np.isfinite(image)
-        # A missing sample is bright.
-        bright = float(np.nanmax(image)) if not missing.all() else 0.0
-        filled = np.where(missing, np.float32(bright), image)
-        made = cv2.sepFilter2D(filled, cv2.CV_32F, right, down, borderType=cv2.BORDER_REPLICATE)
-        gone = cv2.dilate(missing.astype(np.uint8), np.ones((3, 3), np.uint8)).reshape(image.shape)
-        made = np.where(gone > 0, np.float32(np.nan), made.reshape(image.shape))
+        some = bool(missing.any())
+        if some:  # a missing sample is bright
+            bright = float(np.nanmax(image)) if not missing.all() else 0.0
+            image = np.where(missing, np.float32(bright), image)
+        made = cv2.sepFilter2D(
+            image, cv2.CV_32F, *map(_weights, self), borderType=cv2.BORDER_REPLICATE
+        ).reshape(image.shape)
+        if some:
+            gone = cv2.dilate(missing.astype(np.uint8), np.ones((3, 3), np.uint8))
+            made = np.where(gone.reshape(image.shape) > 0, np.float32(np.nan), made)
         return self._placed(made, top, wanted, whole, np.float32(np.nan))
 
     def whole(self, values: AnyArray, top: int, wanted: slice) -> AnyArray:
@@ -74,11 +84,11 @@ class Shift(NamedTuple):
         right, down = by
         height, width = values.shape[:2]
         placed = np.full((wanted.stop - wanted.start, *values.shape[1:]), outside, values.dtype)
-        rows = np.arange(wanted.start, wanted.stop) + down - top
-        columns = np.arange(width) + right
-        inside_rows = (rows >= 0) & (rows < height)
-        inside_columns = (columns >= 0) & (columns < width)
-        placed[np.ix_(inside_rows, inside_columns)] = values[
-            np.ix_(rows[inside_rows], columns[inside_columns])
+        first = wanted.start + down - top
+        above, before = max(0, -first), max(0, -right)
+        below = max(above, min(len(placed), height - first))
+        beside = max(before, min(width, width - right))
+        placed[above:below, before:beside] = values[
+            above + first : below + first, before + right : beside + right
         ]
         return placed
