@@ -10,16 +10,14 @@ import cv2
 import numpy as np
 
 from acquisition.comparison import lanczos
-from rig.arrays import AnyArray, Float32, Float64
+from rig.arrays import AnyArray, Float32
 
 # Rows and columns that the interpolation needs on each side.
 _REACH: Final = 5
 
 
-@lru_cache(maxsize=128)
-def _weights(shift: float) -> Float64:
-    """Return the weights for a shift; many parts of an image have the same one."""
-    return lanczos(shift % 1)
+# Many parts of an image have the same shift.
+_weights = lru_cache(maxsize=128)(lanczos)
 
 
 class Shift(NamedTuple):
@@ -38,8 +36,7 @@ class Shift(NamedTuple):
     @property
     def noise(self) -> float:
         """Variance of interpolated samples relative to that of the samples themselves."""
-        of_axis = (float((lanczos(part % 1) ** 2).sum()) for part in self)
-        return math.prod(of_axis)
+        return math.prod(float((lanczos(part % 1) ** 2).sum()) for part in self)
 
     def moved(self, image: Float32, top: int, wanted: slice) -> Float32:
         """Return the wanted rows of an image at the position of the others.
@@ -60,16 +57,16 @@ class Shift(NamedTuple):
         """
         whole = math.floor(self.right), math.floor(self.down)
         missing = ~np.isfinite(image)
-        some = bool(missing.any())
-        if some:  # a missing sample is bright
+        if some := missing.any():
+            # A missing sample is bright.
             bright = float(np.nanmax(image)) if not missing.all() else 0.0
             image = np.where(missing, np.float32(bright), image)
-        made = cv2.sepFilter2D(
-            image, cv2.CV_32F, *map(_weights, self), borderType=cv2.BORDER_REPLICATE
-        ).reshape(image.shape)
+        right, down = (_weights(part % 1) for part in self)
+        made = cv2.sepFilter2D(image, cv2.CV_32F, right, down, borderType=cv2.BORDER_REPLICATE)
+        made = made.reshape(image.shape)
         if some:
             gone = cv2.dilate(missing.astype(np.uint8), np.ones((3, 3), np.uint8))
-            made = np.where(gone.reshape(image.shape) > 0, np.float32(np.nan), made)
+            made[gone.reshape(image.shape) > 0] = np.nan
         return self._placed(made, top, wanted, whole, np.float32(np.nan))
 
     def whole(self, values: AnyArray, top: int, wanted: slice) -> AnyArray:
@@ -86,9 +83,8 @@ class Shift(NamedTuple):
         placed = np.full((wanted.stop - wanted.start, *values.shape[1:]), outside, values.dtype)
         first = wanted.start + down - top
         above, before = max(0, -first), max(0, -right)
-        below = max(above, min(len(placed), height - first))
-        beside = max(before, min(width, width - right))
-        placed[above:below, before:beside] = values[
-            above + first : below + first, before + right : beside + right
-        ]
+        below, beside = min(len(placed), height - first), min(width, width - right)
+        if above < below and before < beside:
+            seen = values[above + first : below + first, before + right : beside + right]
+            placed[above:below, before:beside] = seen
         return placed
