@@ -46,10 +46,10 @@ def test_residuals_of_saturated_highlights_do_not_shrink_their_errors(benchmark,
 @pytest.mark.parametrize("index", range(4))
 def test_errors_agree_with_their_covariances(benchmark, index):
     trial = partial(benchmark.simulated, benchmark.LAYOUTS[index])
-    result = benchmark.figures(trial, range(5000, 5100))
+    result = benchmark.figures(trial, range(5000, 5200))
     assert np.all((result.by_axis > 0.8) & (result.by_axis < 1.25))
-    # 0.1 seeds are expected; more than 1 have a probability of 0.5 %.
-    assert result.beyond <= 1
+    # 0.2 seeds are expected; more than 2 have a probability of 0.1 %.
+    assert result.beyond <= 2
 
 
 @pytest.mark.slow
