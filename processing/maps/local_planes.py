@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from itertools import product
 from typing import NamedTuple
 
 import cv2
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
-from acquisition.files import rows_in_bands
 from rig.arrays import Bool, Float32, Float64, Floating
 
 # The weights end at this many standard deviations; what is beyond is 4e-8 of the whole.
@@ -23,8 +24,9 @@ _WIDEST_PX = 6.0
 _GRID_PX = 2.0
 # Steps of a derivative per standard deviation.
 _STEPS = 8
-# Elements that are computed at once.
-_BAND = 2_000_000
+# Pixels of a block that is computed at once, per side, and largest deviation of weights in it that
+# count as complete.
+_BLOCK, _COMPLETE = 512, 1e-5
 
 
 class Planes(NamedTuple):
@@ -70,7 +72,9 @@ class _Window(NamedTuple):
         return cls((middle, square * first, square * middle + square**2 * second), 2 * step)
 
 
-def fit_planes(values: Floating, weights: Floating | Bool, scale_px: float) -> Planes:
+def fit_planes(
+    values: Floating, weights: Floating | Bool, scale_px: float, *, slopes: bool = True
+) -> Planes:
     """Fit planes by least squares with the weights ``exp(-(x^2 + y^2) / (2 scale^2))``.
 
     Parameters
@@ -81,33 +85,43 @@ def fit_planes(values: Floating, weights: Floating | Bool, scale_px: float) -> P
         ``(H, W)`` weight of each pixel, 0 or more, which multiplies that of its place; or a mask.
     scale_px
         Standard deviation of the weights in pixels.
+    slopes
+        Whether ``right`` and ``up`` are wanted; otherwise they have no pixels.
     """
     wide = scale_px > _WIDEST_PX
     window = _Window.of_blurred(scale_px) if wide else _Window.direct(scale_px)
     reach = window.reach
     # Sums of wide weights are smooth: single precision is enough.
     kind = np.float32 if wide else values.dtype
+    complete = bool((np.asarray(weights) == 1).all())
     inside = np.pad(np.asarray(weights, kind), reach)
-    weighted = np.where(inside > 0, np.pad(values.astype(kind, copy=False), reach), 0) * inside
+    weighted = np.pad(np.where(weights > 0, values, 0).astype(kind, copy=False), reach)
+    weighted *= inside
     if wide:
-        inside, weighted = blurred(inside, scale_px), blurred(weighted, scale_px)
+        inside = _blurred_ones(inside, reach, scale_px) if complete else blurred(inside, scale_px)
+        weighted = blurred(weighted, scale_px)
     shape = values.shape
-    value, right, up = np.zeros((3, *shape), values.dtype)
-    found = Planes(value, right, up, np.zeros(shape, np.bool_))
-    for rows in rows_in_bands(shape[0], shape[1], _BAND):
-        around = slice(rows.start, rows.stop + 2 * reach)
+    right, up = np.zeros((2, *(shape if slopes else (0, 0))), values.dtype)
+    found = Planes(np.zeros(shape, values.dtype), right, up, np.zeros(shape, np.bool_))
+    for row, column in product(range(0, shape[0], _BLOCK), range(0, shape[1], _BLOCK)):
+        here = slice(row, row + _BLOCK), slice(column, column + _BLOCK)
+        around = tuple(slice(part.start, part.stop + 2 * reach) for part in here)
         part = _solve(
             weighted[around].astype(np.float64),
             inside[around].astype(np.float64),
-            weights[rows] > 0,
+            weights[here] > 0,
             window,
+            slopes=slopes,
         )
-        for whole, band in zip(found, part, strict=True):
-            whole[rows] = band
+        for whole, block in zip(found, part, strict=True):
+            if whole.size:
+                whole[here] = block
     return found
 
 
-def _solve(values: Float64, weights: Float64, inside: Bool, window: _Window) -> Planes:
+def _solve(
+    values: Float64, weights: Float64, inside: Bool, window: _Window, *, slopes: bool
+) -> Planes:
     edge = slice(window.reach, -window.reach)
 
     def moment(image: Float64, x: int, y: int) -> Float64:
@@ -116,17 +130,25 @@ def _solve(values: Float64, weights: Float64, inside: Bool, window: _Window) -> 
         filtered = cv2.sepFilter2D(image, cv2.CV_64F, window.powers[x], along)
         return np.asarray(filtered, np.float64)[edge, edge]
 
+    square = float(window.powers[2].sum())
+    mean = moment(values, 0, 0)
+    complete = np.abs(weights - 1).max() < _COMPLETE
+    if complete and not slopes:
+        return Planes(mean, mean, mean, inside)
+    with_x, with_y = moment(values, 1, 0), moment(values, 0, 1)
+    if complete:
+        return Planes(mean, with_x / square, with_y / square, inside)
     total = np.where(inside, moment(weights, 0, 0), 1.0)
     x, y = moment(weights, 1, 0) / total, moment(weights, 0, 1) / total
     xx = moment(weights, 2, 0) / total - x * x
     xy = moment(weights, 1, 1) / total - x * y
     yy = moment(weights, 0, 2) / total - y * y
     least = (xx + yy) / 2 - np.hypot((xx - yy) / 2, xy)
-    known = inside & (least > _LEAST_SPREAD * window.powers[2].sum())
+    known = inside & (least > _LEAST_SPREAD * square)
     determinant = np.where(known, xx * yy - xy * xy, 1.0)
-    mean = moment(values, 0, 0) / total
-    with_x = moment(values, 1, 0) / total - x * mean
-    with_y = moment(values, 0, 1) / total - y * mean
+    mean /= total
+    with_x = with_x / total - x * mean
+    with_y = with_y / total - y * mean
     right = np.where(known, (yy * with_x - xy * with_y) / determinant, 0.0)
     up = np.where(known, (xx * with_y - xy * with_x) / determinant, 0.0)
     return Planes(np.where(known, mean - right * x - up * y, 0.0), right, up, known)
@@ -147,6 +169,17 @@ def blurred(image: Float32, scale_px: float) -> Float32:
     spread = np.zeros(fine.shape, np.float32)
     spread[::2, ::2] = 4 * blurred(coarse, left)
     return _convolved(spread, kernel)[edge : edge + height, edge : edge + width]
+
+
+def _blurred_ones(image: Floating, edge: int, scale_px: float) -> Float32:
+    """Return what `blurred` makes of an image of ones with an edge of zeros."""
+    down, across = (
+        gaussian_filter1d(
+            np.pad(np.ones(size - 2 * edge), edge), scale_px, mode="constant", truncate=_REACH
+        ).astype(np.float32)
+        for size in image.shape
+    )
+    return np.asarray(np.outer(down, across))
 
 
 def _convolved(image: Float32, kernel: Float64) -> Float32:

@@ -88,22 +88,26 @@ def areal_parameters(heights_mm: Floating, pixel_mm: float) -> dict[str, float]:
     >>> {name: round(found[name], 4) for name in ("Sa", "Sq", "Sz", "Sdq")}
     {'Sa': 0.6366, 'Sq': 0.7071, 'Sz': 2.0, 'Sdq': 0.0089}
     """
-    known = np.isfinite(heights_mm)
-    values = heights_mm[known].astype(np.float64) * 1000
-    values -= values.mean()
-    square = float(np.mean(values**2))
+    values = heights_mm[np.isfinite(heights_mm)]
+    # The mean of equal heights may be rounded.
+    level = values.mean(dtype=np.float64) if np.ptp(values) > 0 else values[0]
+    values = 1000 * (values - values.dtype.type(level))
+    squares = np.square(values)
+    square = float(squares.mean(dtype=np.float64))
     root = math.sqrt(square)
     found = dict.fromkeys(AREAL, math.nan)
     found |= {
-        "Sa": float(np.abs(values).mean()),
+        "Sa": float(np.abs(values).mean(dtype=np.float64)),
         "Sq": root,
         "Sp": float(values.max()),
         "Sv": float(-values.min()),
         "Sz": float(np.ptp(values)),
     }
     if root > 0:
-        found["Ssk"] = float(np.mean(values**3)) / root**3
-        found["Sku"] = float(np.mean(values**4)) / square**2
+        found["Ssk"] = float((squares * values).mean(dtype=np.float64)) / root**3
+        np.square(squares, out=squares)
+        found["Sku"] = float(squares.mean(dtype=np.float64)) / square**2
+    del squares
     values.sort()
     found |= material_ratio(values)
     del values

@@ -87,7 +87,7 @@ def _polynomial(heights: Floating, known: Bool, order: int, robust: bool) -> Flo
         for size in heights.shape
     )
     values = np.where(known, heights, 0)
-    weights = known.astype(heights.dtype)
+    weights: Floating = known.astype(heights.dtype)
     for _ in range(_ROUNDS if robust else 1):
         factors = _solved(down, right, values * weights, weights, powers, order)
         found = down @ factors.astype(heights.dtype) @ right.T

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 from scipy.signal import oaconvolve
 
 from processing.maps.local_planes import fit_planes
-from rig.arrays import Float64, Floating
+from rig.arrays import Bool, Float64, Floating
 
 # The filter transmits half of a wave as long as its nesting index (ISO 16610-21, equation 4).
 _ALPHA: Final = math.sqrt(math.log(2) / math.pi)
@@ -53,10 +53,11 @@ def mean_surface(
     known = np.isfinite(heights)
     if scale == 0:
         return heights
-    weights: Floating = known.astype(heights.dtype)
+    weights: Floating | Bool = known
     for _ in range(_ROUNDS):
-        planes = fit_planes(heights, weights, scale)
-        found = np.where(planes.known, planes.value, np.nan).astype(heights.dtype)
+        planes = fit_planes(heights, weights, scale, slopes=False)
+        found = planes.value
+        found[~planes.known] = np.nan
         if not robust:
             break
         new = _tukey(heights - found)
