@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -26,6 +27,9 @@ from rig.arrays import Bool, Float64, Floating
 _MOST_NOISE = 0.5
 # Texture of which the aspect ratio is larger has no direction.
 _LEAST_STRIPED = 0.5
+# Side, in pixels, of the part of a large area that shows its uncertainty, and in nesting indices of
+# the L-filter.
+_SAMPLE_PX, _SAMPLE_FILTERS = 768, 3
 # Narrowest flank of a step that normals resolve.
 _LEAST_FLANK_PX = 5.0
 
@@ -99,15 +103,69 @@ def measure_area(
     )
     heights, within = heights_mm[window], inside[window]
 
+    cropped = None if errors is None else errors.cropped(window)
+    sample = _sample(within, chosen.l_mm or 0, pixel) if cropped is not None else None
+    counted = within if sample is None else sample
+
     def evaluate(values: Floating, seen: Resolution, other: bool) -> dict[str, float]:
-        limited = scale_limited(values, within, chosen, seen, other_fit=other)
+        limited = scale_limited(values, counted, chosen, seen, other_fit=other)
         return areal_parameters(limited, seen.pixel_mm)
 
-    cropped = None if errors is None else errors.cropped(window)
-    found = quantities(evaluate, heights, resolution, cropped, AREAL, on_progress=on_progress)
+    if sample is None or cropped is None:
+        found = quantities(evaluate, heights, resolution, cropped, AREAL, on_progress=on_progress)
+    else:
+        part = tuple(
+            slice(max(int(at.min()) - margin, 0), int(at.max()) + 1 + margin)
+            for at in np.nonzero(sample)
+        )
+        near = part[0], part[1]
+        counted = sample[near]
+        of_sample = quantities(
+            evaluate,
+            heights[near],
+            resolution,
+            cropped.cropped(near),
+            AREAL,
+            on_progress=on_progress,
+        )
+        counted = within
+        whole = evaluate(heights, resolution, False)
+        found = {name: _extended(one, whole[name]) for name, one in of_sample.items()}
     limited = np.full(heights_mm.shape, np.nan, heights_mm.dtype)
     limited[window] = scale_limited(heights, within, chosen, resolution)
     return Area({name: _doubted(one) for name, one in found.items()}, chosen, limited, resolution)
+
+
+def _sample(area: Bool, l_mm: float, pixel: float) -> Bool | None:
+    """Return the part of a large area that shows its uncertainty; None for a small area."""
+    side = max(_SAMPLE_PX, math.ceil(_SAMPLE_FILTERS * l_mm / pixel))
+    if np.count_nonzero(area) <= 2 * side**2:
+        return None
+    # Where most pixels count: the sum over each square.
+    steps = [range(0, max(size - side, 0) + 1, max(side // 2, 1)) for size in area.shape]
+    row, column = max(
+        product(*steps),
+        key=lambda at: np.count_nonzero(area[at[0] : at[0] + side, at[1] : at[1] + side]),
+    )
+    found = np.zeros_like(area)
+    found[row : row + side, column : column + side] = True
+    return found & area
+
+
+def _extended(quantity: Quantity, whole: float) -> Quantity:
+    """Return a quantity of a complete area from that of a part of it.
+
+    Noise adds the same share to heights and slopes of both; the deviation of the part is an upper
+    limit of that of the whole, whose noise averages over more pixels.
+    """
+    relative = AREAL[quantity.name].kind in ("height", "slope") or quantity.name == "Sdr"
+    if not math.isfinite(whole) or not quantity.budget:
+        return replace(quantity, measured=whole, result=whole)
+    if relative and quantity.measured:
+        factor = whole / quantity.measured
+        budget = {source: factor * part for source, part in quantity.budget.items()}
+        return replace(quantity, measured=whole, result=factor * quantity.result, budget=budget)
+    return replace(quantity, measured=whole, result=quantity.result + (whole - quantity.measured))
 
 
 @dataclass(frozen=True, eq=False)
