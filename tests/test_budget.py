@@ -18,9 +18,9 @@ BUDGET = {
     "rig": (4250, 48, 69),
     "acquisition": (15900, 66, 158),
     "calibration": (10240, 30, 87),
-    "processing": (25400, 64, 229),
+    "processing": (25450, 64, 230),
     "simulator": (9050, 28, 77),
-    "sgp": (16760, 0, 165),
+    "sgp": (16900, 0, 166),
 }
 WORDS_OF_DOCUMENTS = 60700
 # Numbers of calibration/spheres that were chosen, not derived.

@@ -43,6 +43,7 @@ from .metrics import TrainMetrics as TrainMetrics
 from .metrics import TransferMetrics as TransferMetrics
 from .metrics import TruthMetrics as TruthMetrics
 from .metrics import VerifyMetrics as VerifyMetrics
+from .metrics import X3pMetrics as X3pMetrics
 from .metrics import figures_of as figures_of
 from .output import check_file as check_file
 from .output import check_folder as check_folder

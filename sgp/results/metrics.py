@@ -827,6 +827,27 @@ class RtiMetrics(TypedDict):
     planes_rms: float
 
 
+class X3pMetrics(TypedDict):
+    """Figures of a surface that was exported for programs for surface texture.
+
+    Parameters
+    ----------
+    points
+        points with a height
+    pixel_mm : mm
+        distance between neighbouring points
+    height_range_mm : mm
+        difference between the highest and the lowest point
+    width_error_percent : %
+        of a perspective surface: error of widths at the height that is furthest from 0
+    """
+
+    points: int
+    pixel_mm: float
+    height_range_mm: float
+    width_error_percent: NotRequired[float]
+
+
 class RelightMetrics(TypedDict):
     """Figures of an image under a light.
 
@@ -1300,7 +1321,7 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp project": (ProjectMetrics,),
     "sgp compare": (CompareMetrics, RegisteredMetrics),
     "sgp merge": (MergeMetrics,),
-    "sgp export": (RtiMetrics,),
+    "sgp export": (RtiMetrics, X3pMetrics),
     "sgp relight": (RelightMetrics,),
     "sgp capture export": (ExportMetrics,),
     "sgp calibrate spheres": (SpheresMetrics,),
