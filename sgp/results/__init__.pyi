@@ -14,6 +14,8 @@ from .metrics import CheckMetrics as CheckMetrics
 from .metrics import CombineMetrics as CombineMetrics
 from .metrics import CompareMetrics as CompareMetrics
 from .metrics import DemoMetrics as DemoMetrics
+from .metrics import DriftLightMetrics as DriftLightMetrics
+from .metrics import DriftMetrics as DriftMetrics
 from .metrics import ErrorMetrics as ErrorMetrics
 from .metrics import ExportMetrics as ExportMetrics
 from .metrics import FieldMetrics as FieldMetrics
