@@ -18,9 +18,9 @@ BUDGET = {
     "rig": (4250, 48, 69),
     "acquisition": (15900, 66, 158),
     "calibration": (10510, 30, 88),
-    "processing": (25450, 64, 230),
+    "processing": (26700, 64, 245),
     "simulator": (9050, 28, 77),
-    "sgp": (17120, 0, 168),
+    "sgp": (17620, 0, 172),
 }
 WORDS_OF_DOCUMENTS = 60700
 # Numbers of calibration/spheres that were chosen, not derived.

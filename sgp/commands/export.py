@@ -80,12 +80,12 @@ def export(
 
 
 def _x3p(result: Path, out: Path, options: RelightOptions, quality: int, max_pixels: int) -> Result:
-    from sgp.stages import read_surface, write_surface_x3p
+    from sgp.stages import read_heights, write_surface_x3p
 
     given = {**vars(options), "quality": quality}
     unchanged = {**vars(_RELIGHT), "quality": _QUALITY}
     for name, value in given.items():
         if value != unchanged[name]:
             raise UsageError(f"--{name} is for --format rti, x3p has no images")
-    surface = read_surface(result, max_pixels)
+    surface = read_heights(result, max_pixels)
     return write_surface_x3p(claim_folder(out, "export.json"), surface)

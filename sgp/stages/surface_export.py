@@ -13,9 +13,9 @@ import processing
 import rig
 from rig.arrays import Float32
 from sgp.cli.exit import UsageError
-from sgp.results import Result, ResultRecord, X3pMetrics, output_fault, read_record
+from sgp.results import Result, ResultRecord, X3pMetrics, output_fault
+from sgp.stages.result_source import SURFACE_RECORD, find_surface
 
-_RECORD = "surface.json"
 _HEIGHT = "height.exr"
 
 
@@ -45,7 +45,7 @@ class SurfaceResult:
     camera_mm: float | None
 
 
-def read_surface(path: Path, max_pixels: int) -> SurfaceResult:
+def read_heights(path: Path, max_pixels: int) -> SurfaceResult:
     """Read the surface of a result of ``sgp run``, ``sgp demo`` or ``sgp surface``.
 
     Raises
@@ -55,13 +55,8 @@ def read_surface(path: Path, max_pixels: int) -> SurfaceResult:
     DataError
         If a file cannot be read, or is not the one that the record names.
     """
-    folder = next((one for one in (path / "surface", path) if (one / _RECORD).is_file()), None)
-    if folder is None:
-        raise UsageError(
-            f"{path}: has neither {_RECORD} nor surface/{_RECORD}: give a folder that sgp run or "
-            "sgp surface has written"
-        )
-    record, file = read_record(folder / _RECORD), folder / _HEIGHT
+    folder, record = find_surface(path)
+    file = folder / _HEIGHT
     known = record.files.get(_HEIGHT)
     if known is not None and (fault := output_fault(file, known.bytes, known.sha256)):
         raise acquisition.DataError(f"{file}: {fault}: run `{record.command}` again")
@@ -73,10 +68,12 @@ def read_surface(path: Path, max_pixels: int) -> SurfaceResult:
     height = acquisition.read_image(file, max_pixels=max_pixels)
     size, distance = (record.metrics.get(name) for name in ("pixel_size", "camera_distance"))
     if height.ndim != 2 or not isinstance(size, (int, float)):
-        raise acquisition.DataError(f"{file}: is not the map of heights of {folder / _RECORD}")
+        raise acquisition.DataError(
+            f"{file}: is not the map of heights of {folder / SURFACE_RECORD}"
+        )
     camera = float(distance) if isinstance(distance, (int, float)) else None
     heights = height.astype(np.float32, copy=False)
-    return SurfaceResult(folder / _RECORD, record, file, heights, float(size), camera)
+    return SurfaceResult(folder / SURFACE_RECORD, record, file, heights, float(size), camera)
 
 
 def write_surface_x3p(folder: Path, surface: SurfaceResult) -> Result:
