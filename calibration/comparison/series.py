@@ -211,6 +211,10 @@ def light_drift(
     towards = _unit(centre)
     offsets = np.einsum("nij,knj->kni", tangent_basis(towards), _unit(vectors))
     direction_limits = _limits(offsets, np.array([_direction_sigmas(one) for one in series]), level)
+    # A common motion takes its share of the scatter of few lights.
+    fitted, numbers = (6, 3 * len(ids)) if near else (3, 2 * len(ids))
+    if len(ids) >= _FEWEST_LIGHTS:
+        direction_limits *= np.sqrt(numbers / (numbers - fitted))
     strengths, strength_sigmas = _strengths(series)
     strength_limits = _limits(strengths[..., None], strength_sigmas, level)
     drift = LightDrift(

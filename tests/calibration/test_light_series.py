@@ -68,6 +68,7 @@ def test_limits_have_the_size_that_the_scatter_implies() -> None:
     more = np.sqrt(1 + np.pi / 2 / 10)
     strength = -ndtri(FALSE_ALARM / tests / 2) * SIGMA * more
     assert np.median(drift.strength_limit_percent) == pytest.approx(100 * strength, rel=0.06)
+    more *= np.sqrt(200 / 197)
     direction = np.sqrt(-2 * np.log(FALSE_ALARM / tests)) * np.degrees(SIGMA_RAD) * more
     assert np.median(drift.direction_limit_deg) == pytest.approx(direction, rel=0.06)
 
@@ -112,7 +113,7 @@ def test_all_lights_that_turn_are_one_cause(near: bool) -> None:
     assert "most between calibration 6 and calibration 7: the camera, the board" in notice.text
     change = drift.common_deg[6:].mean() + drift.common_deg[:6].mean()
     assert change == pytest.approx(0.25, abs=0.1)  # lights near the axis turn less
-    # A light that also fades is named, too, and the whole is to be calibrated again.
+    # A light that also fades is named, too.
     fading = np.ones((10, COUNT))
     fading[8:, 3] = 0.5
     codes = [one.code for one in light_drift(series(common=turn, strengths=fading)).warnings]
