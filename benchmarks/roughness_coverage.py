@@ -79,15 +79,15 @@ def recording(job: tuple[str, int], lights_error: float) -> list[Row]:
     blur = made.blur
     if blur is None:
         raise SystemExit("no blur")
-    blur_px = blur.sigma_px if blur.shown else _USUAL_PX
-    resolution = Resolution(found.pixel_size, blur_px, 0.25 * blur_px)
+    blur_px, spread = (blur.sigma_px, 0.15) if blur.shown else (_USUAL_PX, 0.25)
+    resolution = Resolution(found.pixel_size, blur_px, spread * blur_px)
     area = np.zeros(normals.size, bool)
     middle = SIZE // 2
     area[middle - _HALF : middle + _HALF, middle - _HALF : middle + _HALF] = True
     errors = ErrorModel(NormalErrors(normals.normals, sigma, common), 0.0)
     heights = found.height
     measured = measure_area(heights, area, resolution, Scales(), errors)
-    fine = Resolution(PIXEL_MM / _FINE, integrated=False)
+    fine = Resolution(PIXEL_MM / _FINE)
     whole = true_heights(surface)
     inside = np.zeros(whole.shape, bool)
     inside[60 * _FINE : -60 * _FINE, 60 * _FINE : -60 * _FINE] = True

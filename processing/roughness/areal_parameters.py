@@ -90,7 +90,8 @@ def areal_parameters(heights_mm: Floating, pixel_mm: float) -> dict[str, float]:
     """
     known = np.isfinite(heights_mm)
     values = heights_mm[known].astype(np.float64) * 1000
-    values -= values.mean()
+    # The mean of equal heights may be rounded.
+    values -= values.mean() if np.ptp(values) > 0 else values[0]
     square = float(np.mean(values**2))
     root = math.sqrt(square)
     found = dict.fromkeys(AREAL, math.nan)

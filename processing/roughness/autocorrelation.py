@@ -44,7 +44,8 @@ def texture(heights: Floating) -> Texture:
     rows, columns = (
         slice(int(at.min()), int(at.max()) + 1) for at in np.nonzero(~np.isnan(heights))
     )
-    part = np.asarray(heights[rows, columns], np.float32)
+    part = heights[rows, columns]
+    part = np.asarray(part - np.nanmean(part), np.float32)
     correlation, reach = autocorrelation(part)
     angles = np.arange(_DIRECTIONS) * math.pi / _DIRECTIONS
     lengths = np.arange(0, reach + 0.25, 0.25)
@@ -58,7 +59,7 @@ def texture(heights: Floating) -> Texture:
     found = low.any(axis=1)
     every = np.arange(_DIRECTIONS)
     before, after = along[every, np.maximum(first - 1, 0)], along[every, first]
-    share = (before - _DECAY) / (before - after)
+    share = (before - _DECAY) / np.where(found, before - after, 1)
     radius = np.where(found, 0.25 * (first - 1 + share), np.nan)
     # Where it does not decay, its end is not known.
     if not np.isfinite(radius).any():

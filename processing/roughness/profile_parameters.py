@@ -84,7 +84,7 @@ def scale_limited_profile(heights_mm: Float64, scales: Scales, resolution: Resol
     pixel, s_mm, l_mm = resolution.pixel_mm, scales.s_mm or 0.0, scales.l_mm or 0.0
     if scales.form not in ORDERS and scales.form != "none":
         raise DataError(f"a profile has no {scales.form}: use a polynomial such as quadric")
-    heights = mean_line(heights - heights.mean(), s_mm / pixel, removed_px=resolution.deviation_px)
+    heights = mean_line(heights - heights.mean(), s_mm / pixel, removed_px=resolution.blur_px)
     if scales.form != "none":
         at = np.linspace(-1, 1, len(heights))
         fitted = np.polynomial.legendre.legfit(at, heights, ORDERS[scales.form])

@@ -24,9 +24,6 @@ _LEAST_PIXELS = 5
 _SECTIONS = 5
 # A Gaussian of standard deviation 1 transmits half of a wave of this length.
 _HALF: Final = math.pi * math.sqrt(2 / math.log(2))
-# The mean of the slopes of neighbours, which is integrated, transmits ``pi f / tan(pi f)`` of a
-# frequency f, as a blur of this variance in square pixels does.
-_INTEGRATION = 1 / 6
 
 
 @dataclass(frozen=True)
@@ -41,24 +38,16 @@ class Resolution:
         Standard deviation of the blur by the lens and the aperture of a pixel, in pixels.
     blur_sigma_px
         Standard deviation of `blur_px`.
-    integrated
-        Whether the heights were integrated from slopes; false for heights that are exact.
     """
 
     pixel_mm: float
     blur_px: float = 0.0
     blur_sigma_px: float = 0.0
-    integrated: bool = True
-
-    @property
-    def deviation_px(self) -> float:
-        """Standard deviation of the blur by lens, pixels and integration."""
-        return math.sqrt(self.blur_px**2 + (_INTEGRATION if self.integrated else 0))
 
     @property
     def lateral_mm(self) -> float:
         """Length of the wave of which half of the amplitude remains (ISO 25178-600)."""
-        return max(_HALF * self.deviation_px, 2.0) * self.pixel_mm
+        return max(_HALF * self.blur_px, 2.0) * self.pixel_mm
 
     @property
     def least_mm(self) -> float:
@@ -141,7 +130,8 @@ def scale_limited(
     """Return the scale-limited heights of an area.
 
     The blur of lens and pixels is a part of the S-filter: only what it lacks is filtered, so
-    instruments of different sharpness show the same surface.
+    instruments of different sharpness show the same surface. The integration of normals is none: it
+    transmits ``1 - 23 f^4`` of a frequency f per pixel.
 
     Parameters
     ----------
@@ -171,7 +161,7 @@ def scale_limited(
     part, inside = heights_mm[rows, columns], area[rows, columns]
     # Filters lose digits of large heights.
     part = part - part.dtype.type(np.nanmean(part[inside]))
-    fine = mean_surface(part, scales.s_mm / pixel, removed_px=resolution.deviation_px)
+    fine = mean_surface(part, scales.s_mm / pixel, removed_px=resolution.blur_px)
     form = fit_form(fine, pixel, scales.form, robust=scales.robust != other_fit).heights
     limited = fine - form
     if scales.l_mm > 0:

@@ -18,9 +18,9 @@ from sgp.results import ResultRecord, input_hashes
 from sgp.stages.result_source import SURFACE_RECORD, NormalsResult, find_normals, find_surface
 from sgp.stages.sigma_map import read_sigma
 
-# Blur of a usual lens in focus with the aperture of a pixel, in pixels, and its relative standard
-# deviation, which is also that of the blur that normals show.
-_USUAL_BLUR_PX, _SPREAD = 0.76, 0.25
+# Blur of a usual lens in focus with the aperture of a pixel, in pixels, and relative standard
+# deviations of it, and of the blur that normals show.
+_USUAL_BLUR_PX, _USUAL_SPREAD, _SHOWN_SPREAD = 0.76, 0.25, 0.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,10 +132,11 @@ def read_surface(path: Path, *, scale_sigma: float, max_pixels: int) -> SurfaceI
         notices.append(_verdict(normals))
     input_hashes(files)
     blur_px = _USUAL_BLUR_PX if blur is None else blur
+    spread = _USUAL_SPREAD if blur is None else _SHOWN_SPREAD
     return SurfaceInput(
         heights_mm=np.where(np.isfinite(heights), heights, np.float32(math.nan)),
         parts=parts,
-        resolution=Resolution(pixel, blur_px, _SPREAD * blur_px),
+        resolution=Resolution(pixel, blur_px, spread * blur_px),
         errors=errors,
         joined="prior_heights" in metrics,
         normals=normals,
