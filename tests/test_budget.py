@@ -17,10 +17,10 @@ PACKAGES = ("rig", "acquisition", "calibration", "processing", "simulator", "sgp
 BUDGET = {
     "rig": (4250, 48, 69),
     "acquisition": (15900, 66, 158),
-    "calibration": (10240, 30, 87),
-    "processing": (25400, 64, 229),
+    "calibration": (10510, 30, 88),
+    "processing": (26700, 64, 245),
     "simulator": (9050, 28, 77),
-    "sgp": (16760, 0, 165),
+    "sgp": (17620, 0, 172),
 }
 WORDS_OF_DOCUMENTS = 60700
 # Numbers of calibration/spheres that were chosen, not derived.

@@ -75,7 +75,8 @@ class _Window(NamedTuple):
         """Return the weighted sums around the pixels of an image that have a complete window."""
         if np.count_nonzero(self.powers[0]) > 1:
             edge = slice(self.reach, -self.reach)
-            return np.asarray(cv2.sepFilter2D(image, cv2.CV_64F, across, down))[edge, edge]
+            filtered = cv2.sepFilter2D(image, cv2.CV_64F, across, down)
+            return np.asarray(filtered, np.float64)[edge, edge]
         # Few of these weights are not 0.
         found: AnyArray = image
         for axis, weights in ((1, across), (0, down)):

@@ -27,9 +27,9 @@ from rig.arrays import Bool, Float64, Floating
 _MOST_NOISE = 0.5
 # Texture of which the aspect ratio is larger has no direction.
 _LEAST_STRIPED = 0.5
-# Side, in pixels, of the part of a large area that shows its uncertainty, and in nesting indices of
-# the L-filter.
-_SAMPLE_PX, _SAMPLE_FILTERS = 768, 3
+# Side, in pixels, of the part of a large area that shows its uncertainty. A longer L-filter is left
+# out of it.
+_SAMPLE_PX = 768
 # Narrowest flank of a step that normals resolve.
 _LEAST_FLANK_PX = 5.0
 
@@ -104,52 +104,48 @@ def measure_area(
     heights, within = heights_mm[window], inside[window]
 
     cropped = None if errors is None else errors.cropped(window)
-    sample = _sample(within, chosen.l_mm or 0, pixel) if cropped is not None else None
-    counted = within if sample is None else sample
 
-    def evaluate(values: Floating, seen: Resolution, other: bool) -> dict[str, float]:
-        limited = scale_limited(values, counted, chosen, seen, other_fit=other)
-        return areal_parameters(limited, seen.pixel_mm)
+    def evaluated(part: Bool, scales: Scales) -> Evaluate:
+        def evaluate(values: Floating, seen: Resolution, other: bool) -> dict[str, float]:
+            limited = scale_limited(values, part, scales, seen, other_fit=other)
+            return areal_parameters(limited, seen.pixel_mm)
 
+        return evaluate
+
+    sample = None if cropped is None else _sample(within)
     if sample is None or cropped is None:
-        found = quantities(evaluate, heights, resolution, cropped, AREAL, on_progress=on_progress)
-    else:
-        part = tuple(
-            slice(max(int(at.min()) - margin, 0), int(at.max()) + 1 + margin)
-            for at in np.nonzero(sample)
+        found = quantities(
+            evaluated(within, chosen), heights, resolution, cropped, AREAL, on_progress=on_progress
         )
-        near = part[0], part[1]
-        counted = sample[near]
-        of_sample = quantities(
-            evaluate,
-            heights[near],
+    else:
+        part = within[sample]
+        long = (chosen.l_mm or 0) / pixel > _SAMPLE_PX / 2
+        scales_of_part = replace(chosen, l_mm=0.0) if long else chosen
+        of_part = quantities(
+            evaluated(part, scales_of_part),
+            heights[sample],
             resolution,
-            cropped.cropped(near),
+            cropped.cropped(sample),
             AREAL,
             on_progress=on_progress,
         )
-        counted = within
-        whole = evaluate(heights, resolution, False)
-        found = {name: _extended(one, whole[name]) for name, one in of_sample.items()}
+        whole = evaluated(within, chosen)(heights, resolution, False)
+        found = {name: _extended(one, whole[name]) for name, one in of_part.items()}
     limited = np.full(heights_mm.shape, np.nan, heights_mm.dtype)
     limited[window] = scale_limited(heights, within, chosen, resolution)
     return Area({name: _doubted(one) for name, one in found.items()}, chosen, limited, resolution)
 
 
-def _sample(area: Bool, l_mm: float, pixel: float) -> Bool | None:
-    """Return the part of a large area that shows its uncertainty; None for a small area."""
-    side = max(_SAMPLE_PX, math.ceil(_SAMPLE_FILTERS * l_mm / pixel))
-    if np.count_nonzero(area) <= 2 * side**2:
+def _sample(area: Bool) -> tuple[slice, slice] | None:
+    """Return the window of a large area that shows its uncertainty; None for a small area."""
+    if np.count_nonzero(area) <= 2 * _SAMPLE_PX**2:
         return None
-    # Where most pixels count: the sum over each square.
-    steps = [range(0, max(size - side, 0) + 1, max(side // 2, 1)) for size in area.shape]
-    row, column = max(
-        product(*steps),
-        key=lambda at: np.count_nonzero(area[at[0] : at[0] + side, at[1] : at[1] + side]),
-    )
-    found = np.zeros_like(area)
-    found[row : row + side, column : column + side] = True
-    return found & area
+    steps = [range(0, max(size - _SAMPLE_PX, 0) + 1, _SAMPLE_PX // 2) for size in area.shape]
+    windows = [
+        (slice(row, row + _SAMPLE_PX), slice(column, column + _SAMPLE_PX))
+        for row, column in product(*steps)
+    ]
+    return max(windows, key=lambda window: np.count_nonzero(area[window]))
 
 
 def _extended(quantity: Quantity, whole: float) -> Quantity:

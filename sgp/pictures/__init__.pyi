@@ -5,6 +5,7 @@ from .control_chart import Series as Series
 from .control_chart import control_panel as control_panel
 from .control_chart import individuals_limits as individuals_limits
 from .crop import Crop as Crop
+from .drift import drift_panels as drift_panels
 from .flat import histogram_panel as histogram_panel
 from .flat import pixel_panel as pixel_panel
 from .flat import smooth_panel as smooth_panel

@@ -50,9 +50,8 @@ def test_no_promise_is_broken(first: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("first", range(40, 440, 100))
-def test_no_promise_is_broken_in_four_hundred_recordings(first: int) -> None:
-    """Each defect of `tests.mutation` that 2,000 recordings find needs at most the first 397."""
+@pytest.mark.parametrize("first", range(40, 2040, 100))
+def test_no_promise_is_broken_in_two_thousand_recordings(first: int) -> None:
     found = {seed: run_seed(seed).violations for seed in range(first, first + 100)}
     assert {seed: texts for seed, texts in found.items() if texts} == {}
 
