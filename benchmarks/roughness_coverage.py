@@ -68,6 +68,7 @@ def true_heights(surface: Surface) -> Float64:
 
 
 def recording(job: tuple[str, int], lights_error: float) -> list[Row]:
+    """Return the parameters of a recording of a surface (name, seed)."""
     name, seed = job
     surface, paint = object_named(name, seed)
     surface = replace(surface, turn_deg=float(np.random.default_rng(seed).uniform(0, 360)))
@@ -123,21 +124,26 @@ def main() -> None:
         print(line)
 
 
+def error(row: Row) -> float:
+    """Return value minus truth; of a direction, the smallest angle."""
+    off = row.value - row.truth
+    return (off + 90) % 180 - 90 if AREAL[row.parameter].kind == "angle" else off
+
+
 def summary(rows: list[Row]) -> Iterator[str]:
     """Yield, for each parameter, the share of intervals with k = 2 that contain the truth."""
-    yield "parameter  within k=2  median |error|/sigma  error / truth  assured"
+    yield "parameter  within k = 2   error / sigma: rms, mean   error / truth: median   assured"
     for name in AREAL:
         these = [row for row in rows if row.parameter == name and math.isfinite(row.truth)]
-        kept = [row for row in these if math.isfinite(row.value) and row.assured]
+        kept = [row for row in these if row.assured and row.sigma > 0]
         if not kept:
-            yield f"{name}: none of {len(these)} assured"
+            yield f"{name:6} none of {len(these)} assured"
             continue
-        z = np.array([(row.value - row.truth) / row.sigma for row in kept])
-        off = np.array([(row.value - row.truth) / row.truth for row in kept])
+        z = np.array([error(row) / row.sigma for row in kept])
+        share = np.median([abs(error(row) / row.truth) for row in kept])
         yield (
-            f"{name:6} {np.mean(np.abs(z) <= 2):.3f}  {np.median(np.abs(z)):.2f} "
-            f"mean z {np.mean(z):+.2f}  relative {np.median(off):+.3%} +- {np.std(off):.3%}  "
-            f"{len(kept)} of {len(these)}"
+            f"{name:6} {np.mean(np.abs(z) <= 2):.3f}   {np.sqrt(np.mean(z**2)):.2f}, "
+            f"{np.mean(z):+.2f}   {share:.2%}   {len(kept)} of {len(these)}"
         )
 
 
