@@ -101,6 +101,48 @@ Images = Float32
 """Linear grey images ``(N, H, W)``, or `LazyValues`."""
 
 
+@dataclass(frozen=True, eq=False)
+class _MovedImage:
+    """An image moved back by whole pixels; what was outside it repeats its border."""
+
+    values: Images
+    index: int
+    by: Intp
+
+    def __getitem__(self, part: tuple[Any, Any]) -> Float32:
+        sizes, (right, down) = self.values.shape[1:], self.by.tolist()
+        places = [
+            np.clip(np.arange(size)[one] + by, 0, size - 1)
+            for size, one, by in zip(sizes, part, (down, right), strict=True)
+        ]
+        rows, columns = (slice(int(at.min()), int(at.max()) + 1) for at in places)
+        block = self.values[self.index, rows, columns]
+        of_rows, of_columns = (at - at.min() for at in places)
+        return np.asarray(block[np.ix_(of_rows, of_columns)])
+
+
+def moved_values(values: Images, shifts_px: Intp) -> Images:
+    """Return grey images ``(N, H, W)`` moved back by whole pixels, as `LazyValues`.
+
+    Parameters
+    ----------
+    values
+        Images, or `LazyValues`.
+    shifts_px
+        ``(N, 2)``: by how much each image is further right and down.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from calibration.radiance import moved_values
+    >>> images = np.arange(8, dtype=np.float32).reshape(2, 1, 4)
+    >>> moved_values(images, np.array([[0, 0], [1, 0]]))[1]
+    array([[5., 6., 7., 7.]], dtype=float32)
+    """
+    moved = [_MovedImage(values, k, by) for k, by in enumerate(shifts_px)]
+    return cast(Images, LazyValues(cast(Any, moved), values.shape[1:]))
+
+
 def raw_stack(source: Source, *, on_progress: Progress = no_progress) -> Stack:
     """Read a source and return its linear grey stack, kept as raw frames where possible.
 

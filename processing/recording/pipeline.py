@@ -338,22 +338,25 @@ class NormalsStage:
     ) -> tuple[Source, StackFiles | None, str | None, Examination, list[Notice]]:
         """Open the images, align them if camera or object moved, and begin to examine them."""
         notices: list[Notice] = []
+        aligned = False
         while True:
             stack = self._opened(source, opened, on_progress, in_bands=in_bands)
             frames, pattern = stack.files, stack.pattern
             examined, of_mask = examination_of(source, stack, geometry, self.method, on_progress)
             del stack  # the examination may replace it
             examined.leave_out_unlit()
-            done = bool(source.shifts_px) or (pattern is not None and self.align == "auto")
+            done = aligned or (pattern is not None and self.align == "auto")
             alignment = find_alignment(
                 examined.images,
                 examined.lights,
                 examined.mask,
                 geometry.view,
                 "off" if done else self.align,
+                source.shifts_px,
             )
             notices += alignment.notices
-            if not alignment.shifts_px:
+            aligned = True
+            if alignment.shifts_px in ({}, source.shifts_px):
                 return source, frames, pattern, examined, [*notices, *of_mask]
             source = replace(source, shifts_px=alignment.shifts_px)
             del examined  # its images are no longer needed

@@ -1,0 +1,114 @@
+"""Images of a camera that drifts, moved back so that the spheres are at one place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import ceil
+
+import cv2
+import numpy as np
+
+from calibration.radiance import moved_values, structure_shifts
+from calibration.radiance.stack import Images
+from calibration.spheres.judge.sphere_shifts import sphere_shifts
+from calibration.spheres.outline.sphere_image import SphereImage, places
+from rig import Notice, short_repr
+from rig.arrays import Bool, Float32, Float64, Intp
+
+SpheresIn = Callable[[Images], tuple[list[SphereImage], list[Notice]]]
+
+# Images are compared in at most this many blocks along a side.
+_BLOCKS = 220
+_ROUNDS = 4
+# Spheres move as the rest of the image does, which is known to this many blocks; a sphere that is
+# nearer to the camera by a tenth of the distance moves further by a tenth.
+_SAME_BLOCKS, _NEARER = 2.5, 0.1
+# Standard deviation of the place of a sphere in one image, along each axis.
+FOLLOWED_PX = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Drift:
+    """How a camera drifted, and where images do not show the spheres.
+
+    Parameters
+    ----------
+    shifts_px
+        ``(N, 2)`` whole pixels right and down.
+    values
+        The images, moved back.
+    unseen
+        What to say about images in which a sphere is outside, or elsewhere than the camera explains.
+    """
+
+    shifts_px: Intp
+    values: Images
+    unseen: dict[int, str]
+
+    __repr__ = short_repr
+
+
+def follow_camera(values: Images, usable: Sequence[int], spheres_in: SpheresIn) -> Drift:
+    """Follow a camera by what all images show, and then by the outlines of the spheres.
+
+    Parameters
+    ----------
+    values
+        ``(N, H, W)`` linear images, NaN where saturated.
+    usable
+        Images that are neither black nor white.
+    spheres_in
+        Finds the spheres in some images.
+
+    Raises
+    ------
+    EstimateError
+        If ``spheres_in`` finds no sphere.
+    """
+    height, width = values.shape[1:]
+    size = ceil(max(height, width) / _BLOCKS)
+    rough = np.zeros((len(values), 2))
+    rough[list(usable)] = size * structure_shifts([_blocks(values[k], size) for k in usable])
+    shifts = np.rint(rough).astype(np.intp)
+    shown, spheres = list(usable), list[SphereImage]()
+    unseen: dict[int, str] = {}
+    for _ in range(_ROUNDS):
+        moved = moved_values(values, shifts)
+        spheres, _ = spheres_in(moved[shown])
+        whole = _whole(spheres, shifts, (height, width))
+        shown = [k for k in usable if whole[k]]
+        unseen = {k: f"{places(spheres)} is outside the image" for k in usable if not whole[k]}
+        if len(shown) < 3:
+            break
+        by = np.mean([sphere_shifts(moved[shown], sphere.outline) for sphere in spheres], axis=0)
+        found = shifts[shown] + by
+        off = np.hypot(*(found - rough[shown] - np.median(found - rough[shown], axis=0)).T)
+        same = _SAME_BLOCKS * size + _NEARER * np.hypot(*rough[shown].T)
+        for k, far in zip(np.array(shown)[off > same], off[off > same], strict=True):
+            text = f"{places(spheres)} moved by {far:.2g} px against the rest of the image"
+            unseen[int(k)] = text
+        shown = [k for k in shown if k not in unseen]
+        new = shifts.copy()
+        new[shown] = np.rint(found[off <= same])
+        if np.array_equal(new, shifts):
+            break
+        shifts = new
+    return Drift(shifts, moved_values(values, shifts), unseen)
+
+
+def _blocks(image: Float32, size: int) -> Float32:
+    """Return the means over blocks."""
+    rows, columns = (length // size for length in image.shape)
+    part = np.where(np.isnan(image), np.float32(1), image)[: rows * size, : columns * size]
+    return np.asarray(cv2.resize(part, (columns, rows), interpolation=cv2.INTER_AREA), np.float32)
+
+
+def _whole(spheres: Sequence[SphereImage], shifts: Float64 | Intp, size: tuple[int, int]) -> Bool:
+    """Return the images inside of which all spheres are."""
+    whole = np.ones(len(shifts), np.bool_)
+    for sphere in spheres:
+        at = np.array(sphere.outline.centre_px) + shifts
+        radius = sphere.outline.radius_px
+        whole &= np.all((at >= radius) & (at <= np.array(size[::-1]) - 1 - radius), axis=1)
+    return whole
