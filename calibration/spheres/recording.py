@@ -45,6 +45,8 @@ Circle = tuple[float, float, float]
 _LISTED = 4
 # Rows and columns of a sphere that are compared between images: noise makes each of them differ.
 _COMPARED = 400
+# Smaller shifts are errors of the outlines.
+_STOOD_STILL_PX = 0.5
 _BLOCKS = (
     "the images show the 8 px blocks of JPEG compression, which displace and hide outlines: use "
     "images without compression, or of a quality of 95"
@@ -199,7 +201,7 @@ def _followed_spheres(stack: Stack, spheres_in: SpheresIn) -> _Steady:
     drift = None
     with suppress(EstimateError):
         drift = follow_camera(stack.values, usable, spheres_in)
-    if drift is None or not drift.shifts_px.any():
+    if drift is None or np.abs(drift.shifts_px).max() < _STOOD_STILL_PX:
         if steady is None:
             raise refusal
         return steady
@@ -252,11 +254,18 @@ def _steady_spheres(stack: Stack, spheres_in: SpheresIn, drift: Drift | None = N
             ]
     shifts_px = None
     if drift is not None:
-        shifts_px = drift.shifts_px.astype(np.float64)
+        shifts_px = drift.shifts_px.copy()
         shifts_px[rows] += np.mean([by for by in known if by is not None], axis=0)
+        part = (drift.shifts_px - np.rint(drift.shifts_px))[rows]
         spheres = [
-            one if by is None else replace(one, highlights=one.highlights.moved(-by, FOLLOWED_PX))
+            replace(
+                one,
+                highlights=find_highlights(_taken(drift.sharp, rows), one.outline).moved(
+                    -(part + by), FOLLOWED_PX
+                ),
+            )
             for one, by in zip(spheres, known, strict=True)
+            if by is not None
         ]
     of_light = [rows.index(k) if k in rows else -1 for k in range(len(names))]
     notices, images = [], []

@@ -14,13 +14,13 @@ from calibration.radiance.stack import Images
 from calibration.spheres.judge.sphere_shifts import sphere_shifts
 from calibration.spheres.outline.sphere_image import SphereImage, places
 from rig import Notice, short_repr
-from rig.arrays import Bool, Float32, Float64, Intp
+from rig.arrays import Bool, Float32, Float64
 
 SpheresIn = Callable[[Images], tuple[list[SphereImage], list[Notice]]]
 
 # Images are compared in at most this many blocks along a side.
 _BLOCKS = 220
-_ROUNDS = 4
+_ROUNDS, _SETTLED_PX, _FEWEST = 4, 0.2, 3
 # Spheres move as the rest of the image does, which is known to this many blocks; a sphere that is
 # nearer to the camera by a tenth of the distance moves further by a tenth.
 _SAME_BLOCKS, _NEARER = 2.5, 0.1
@@ -35,15 +35,18 @@ class Drift:
     Parameters
     ----------
     shifts_px
-        ``(N, 2)`` whole pixels right and down.
+        ``(N, 2)`` right and down.
     values
-        The images, moved back.
+        The images, moved back, for the outlines.
+    sharp
+        The images, moved back by whole pixels, for the highlights.
     unseen
         What to say about images in which a sphere is outside, or elsewhere than the camera explains.
     """
 
-    shifts_px: Intp
+    shifts_px: Float64
     values: Images
+    sharp: Images
     unseen: dict[int, str]
 
     __repr__ = short_repr
@@ -70,7 +73,7 @@ def follow_camera(values: Images, usable: Sequence[int], spheres_in: SpheresIn) 
     size = ceil(max(height, width) / _BLOCKS)
     rough = np.zeros((len(values), 2))
     rough[list(usable)] = size * structure_shifts([_blocks(values[k], size) for k in usable])
-    shifts = np.rint(rough).astype(np.intp)
+    shifts = rough.copy()
     shown, spheres = list(usable), list[SphereImage]()
     unseen: dict[int, str] = {}
     for _ in range(_ROUNDS):
@@ -79,22 +82,21 @@ def follow_camera(values: Images, usable: Sequence[int], spheres_in: SpheresIn) 
         whole = _whole(spheres, shifts, (height, width))
         shown = [k for k in usable if whole[k]]
         unseen = {k: f"{places(spheres)} is outside the image" for k in usable if not whole[k]}
-        if len(shown) < 3:
+        if len(shown) < _FEWEST:
             break
         by = np.mean([sphere_shifts(moved[shown], sphere.outline) for sphere in spheres], axis=0)
-        found = shifts[shown] + by
-        off = np.hypot(*(found - rough[shown] - np.median(found - rough[shown], axis=0)).T)
-        same = _SAME_BLOCKS * size + _NEARER * np.hypot(*rough[shown].T)
-        for k, far in zip(np.array(shown)[off > same], off[off > same], strict=True):
+        off = shifts[shown] + by - rough[shown]
+        far_px = np.hypot(*(off - np.median(off, axis=0)).T)
+        same = far_px < _SAME_BLOCKS * size + _NEARER * np.hypot(*rough[shown].T)
+        for k, far in zip(np.array(shown)[~same], far_px[~same], strict=True):
             text = f"{places(spheres)} moved by {far:.2g} px against the rest of the image"
             unseen[int(k)] = text
         shown = [k for k in shown if k not in unseen]
-        new = shifts.copy()
-        new[shown] = np.rint(found[off <= same])
-        if np.array_equal(new, shifts):
+        shifts[shown] += by[same]
+        if np.abs(by[same]).max(initial=0.0) < _SETTLED_PX:
             break
-        shifts = new
-    return Drift(shifts, moved_values(values, shifts), unseen)
+    sharp = moved_values(values, np.rint(shifts))
+    return Drift(shifts, moved_values(values, shifts), sharp, unseen)
 
 
 def _blocks(image: Float32, size: int) -> Float32:
@@ -104,7 +106,7 @@ def _blocks(image: Float32, size: int) -> Float32:
     return np.asarray(cv2.resize(part, (columns, rows), interpolation=cv2.INTER_AREA), np.float32)
 
 
-def _whole(spheres: Sequence[SphereImage], shifts: Float64 | Intp, size: tuple[int, int]) -> Bool:
+def _whole(spheres: Sequence[SphereImage], shifts: Float64, size: tuple[int, int]) -> Bool:
     """Return the images inside of which all spheres are."""
     whole = np.ones(len(shifts), np.bool_)
     for sphere in spheres:
