@@ -5,7 +5,7 @@ shows. The camera drifts by 30 px from the first image to the last, with a jitte
 
 - ``moves``: without turning, so that the ball, which is nearer, moves by up to 3 % more;
 - ``turns``: without moving;
-- ``rolls 0.5`` (first object): it moves, and rolls about its axis by 0.5 degrees from first to last;
+- ``rolls 0.5`` (first object): it moves, and rolls about its axis by 0.5 degrees in all;
 - ``leaves`` (first object): it moves, and the ball is outside of the last 5 images.
 
 Normals are those of ``sgp normals --spheres --radius-mm --camera --semi-calibrated

@@ -24,10 +24,14 @@ _SHIFTED_PX: Final = 0.15
 _LEFT_PX: Final = 0.05
 # What is left of shifts of spheres: they are nearer to the camera than parts of the object.
 _BY_SPHERES_PX: Final = 1.0
-_SAFE_DEG: Final = 0.3
-_SAMPLES: Final = 4000
-_LIT: Final = 0.1
-_ROUNDS: Final = 12
+# Lights may turn by the first; by more than the second, if the images do not show which moved,
+# normals would be wrong by a degree or more.
+_SAFE_DEG, _REFUSED_DEG = 0.3, 2.0
+# One explanation is better if the mean of its advantages over the images exceeds so many standard
+# deviations.
+_CLEAR: Final = 2.5
+# Pixels that are compared, the least share of the brightest sample that is lit, and steps.
+_SAMPLES, _LIT, _ROUNDS, _RIDGE = 2000, 0.1, 100, 1e-9
 # Below this, a first look is enough.
 _STILL_PX: Final = 0.1
 
@@ -131,18 +135,19 @@ def lights_of_moved(
     mask: Bool,
     view: View,
     shifts_px: Mapping[str, tuple[float, float]],
-) -> tuple[Lights, Notice | None]:
-    """Return the lights of images that were moved back: near lights may have stood still.
+) -> tuple[Lights, list[Notice]]:
+    """Return the lights of images that were moved back, in which camera or object moved.
 
-    Lights whose positions are known stay where they are relative to the object if the camera moved,
-    and relative to the camera if the object did. The images, up to one factor each, show which.
+    Near lights with known positions stay where they are relative to the object if the camera moved,
+    and relative to the camera if the object did. The images, up to one factor each, show which: one
+    of the two explains most of them better.
 
     Parameters
     ----------
     images
         Images that are moved back.
     lights
-        Their lights, with positions.
+        Lights with positions, those of the images among them.
     mask
         ``(H, W)`` bool, the object.
     view
@@ -153,52 +158,73 @@ def lights_of_moved(
     Raises
     ------
     EstimateError
-        If the images do not show it, and it matters too much.
+        If the images do not show it, and lights turn by more than 2 degrees.
     """
     rows, columns = np.nonzero(mask)
     some = np.unique(np.linspace(0, len(rows) - 1, _SAMPLES).astype(int))
-    rows, columns = rows[some], columns[some]
-    points = _points(rows, columns, mask, view)
-    scale = np.ptp(points[:, 0]) / max(1, int(np.ptp(columns)))
-    by_mm = np.zeros((len(lights), 3))
-    by_mm[:, :2] = [shifts_px.get(name, (0.0, 0.0)) for name in lights.ids]
-    by_mm *= [scale, -scale, 0]
+    points = _points(rows[some], columns[some], mask, view)
+    scale = float(np.ptp(points[:, 0])) / max(1, int(np.ptp(columns[some])))
+    by_mm = np.array([(*shifts_px.get(name, (0.0, 0.0)), 0.0) for name in lights.ids])
+    by_mm *= [scale, -scale, 0.0]
     here, middle = np.asarray(lights.positions_mm), points.mean(axis=0)
+    turned_deg = float(angle_deg(here - middle, here - by_mm - middle).max())
+    if turned_deg < _stated_deg(lights):
+        return lights, []
     nearer = np.linalg.norm(here, axis=1) / np.linalg.norm(here - by_mm, axis=1)
     strengths = np.asarray(lights.intensities) * nearer[:, None] ** 2
     other = replace(lights, positions_mm=here - by_mm, intensities=strengths)
-    turned_deg = float(angle_deg(here - middle, here - by_mm - middle).max())
-    if turned_deg < _SAFE_DEG:
-        return lights, None
-    values = np.array([image[rows, columns] for image in images], np.float64).T
-    costs = [_misfit(values, np.moveaxis(one.vectors_at(points), 0, 1)) for one in (lights, other)]
-    gain = 1 - costs[1][1] / costs[0][1]
-    sp = min(costs[0][1], costs[1][1])
-    a, b = (np.nanmean(np.log1p((one[0] / (2 * sp)) ** 2), axis=0) for one in costs)
-    d = b - a
-    print("REL", 1 - b.mean() / a.mean())
-    m=np.hypot(*by_mm[:,:2].T)>0.2*np.hypot(*by_mm[:,:2].T).max()
-    t = d[m].mean() / (d[m].std(ddof=1) / m.sum()**.5)
-    print('T',t, d.mean())
-    far_mm = float(np.hypot(*by_mm[:, :2].T).max())
-    print("GAIN", gain, turned_deg)
-    return lights, None
+    which = [lights.ids.index(name) for name in images.ids]
+    values = np.array([image[rows[some], columns[some]] for image in images], np.float64).T
+    left = [
+        _left(values, np.moveaxis(one.take(which).vectors_at(points), 0, 1))
+        for one in (lights, other)
+    ]
+    spread = min(float(np.nanmedian(one)) for one in left)
+    losses = [np.nanmean(np.log1p((one / (3 * spread)) ** 2), axis=0) for one in left]
+    far_mm = np.hypot(*by_mm[which, :2].T)
+    better = (losses[1] - losses[0])[far_mm > far_mm.max() / 5]
+    _a=losses[1]-losses[0]
+    for pw in (0,1,2):
+        b=(_a/far_mm**pw)[far_mm>far_mm.max()/5]
+        print('POW',pw,b.mean()/(b.std(ddof=1)/len(b)**.5), len(b), (b>0).mean())
+    clear = float(better.mean() / max(better.std(ddof=1) / len(better) ** 0.5, 1e-12))
+    moved = f"by up to {far_mm.max():.2g} mm, which turns lights by up to {turned_deg:.1f} degrees"
+    if clear > _CLEAR:
+        return lights, []
+    if clear < -_CLEAR:
+        text = f"the object moved under fixed lights, {moved}: this was taken into account"
+        return other, [Notice("object-moved", text, severity="info")]
+    text = f"camera or object moved, {moved} if it was the object; the images do not show which"
+    if turned_deg > _REFUSED_DEG:
+        raise EstimateError(f"{text}: record it again, with camera and object fixed")
+    return lights, [Notice("lights-may-have-moved", f"{text}; it is taken to be the camera")]
 
 
-def _misfit(values: Float64, vectors: Float64) -> float:
-    """Return how badly a matte surface under lights of unknown strengths explains ``(P, N)``."""
-    known = np.isfinite(values)
-    values = np.where(known, values, 0)
-    lit = known & (values > _LIT * values.max(axis=1, keepdims=True))
+def _stated_deg(lights: Lights) -> float:
+    """Return by how much lights may turn: by their standard deviations, or by a little."""
+    if lights.errors is None or lights.errors.covariances is None:
+        return _SAFE_DEG
+    sigma_mm = np.sqrt(np.trace(lights.errors.covariances, axis1=1, axis2=2) / 3)
+    distance_mm = np.linalg.norm(np.asarray(lights.positions_mm), axis=1)
+    stated = float(np.degrees(np.nanmedian(sigma_mm / distance_mm)))
+    return max(_SAFE_DEG, stated) if np.isfinite(stated) else _SAFE_DEG
+
+
+def _left(values: Float64, vectors: Float64) -> Float64:
+    """Return what a matte surface under lights of free strengths leaves of samples ``(P, N)``.
+
+    NaN where a sample does not count, such as in shadows.
+    """
+    values = np.nan_to_num(values)
+    lit = values > _LIT * values.max(axis=1, keepdims=True)
     strengths, weights = np.ones(values.shape[1]), lit.astype(np.float64)
     for _ in range(_ROUNDS):
         rows = vectors * strengths[:, None]
         weighted = weights[..., None] * rows
-        system = weighted.transpose(0, 2, 1) @ rows + 1e-9 * np.eye(3)
+        system = weighted.transpose(0, 2, 1) @ rows + _RIDGE * np.eye(3)
         normals = np.linalg.solve(system, weighted.transpose(0, 2, 1) @ values[..., None])
         plain = (vectors @ normals)[..., 0]
         strengths = (weights * plain * values).sum(axis=0) / (weights * plain**2).sum(axis=0)
         off = np.abs(values - strengths * plain)
-        spread = 1.4826 * np.median(off[lit])
-        weights = lit / (1 + (off / (2 * spread)) ** 2)
-    return np.where(lit, off, np.nan), spread
+        weights = lit / (1 + (off / (3 * np.median(off[lit]))) ** 2)
+    return np.where(lit, off, np.nan)
