@@ -182,11 +182,8 @@ def lights_of_moved(
     spread = min(float(np.nanmedian(one)) for one in left)
     losses = [np.nanmean(np.log1p((one / (3 * spread)) ** 2), axis=0) for one in left]
     far_mm = np.hypot(*by_mm[which, :2].T)
-    better = (losses[1] - losses[0])[far_mm > far_mm.max() / 5]
-    _a=losses[1]-losses[0]
-    for pw in (0,1,2):
-        b=(_a/far_mm**pw)[far_mm>far_mm.max()/5]
-        print('POW',pw,b.mean()/(b.std(ddof=1)/len(b)**.5), len(b), (b>0).mean())
+    far = far_mm > far_mm.max() / 5
+    better = (losses[1] - losses[0])[far] / far_mm[far]
     clear = float(better.mean() / max(better.std(ddof=1) / len(better) ** 0.5, 1e-12))
     moved = f"by up to {far_mm.max():.2g} mm, which turns lights by up to {turned_deg:.1f} degrees"
     if clear > _CLEAR:
