@@ -13,7 +13,7 @@ import numpy as np
 from imperfections.recordings import BRIGHTEST, Recording, mask_file
 from scipy.ndimage import map_coordinates
 
-from acquisition import CameraModel, Lights, read_source
+from acquisition import CameraModel, LightErrors, Lights, read_source
 from processing import Reconstruction, reconstruct
 from rig.arrays import Bool, Float32, Float64
 from simulator import Lens, Scene, bench_sensor, dome_lights, render
@@ -195,6 +195,7 @@ def object_named(name: str, seed: int) -> tuple[Placed, Pattern]:
         "textile": (Textile(_DESIGN_MM, 0.6, seed, 8), Weave(0.3, 0.6, 0.5)),
         "woodcarving": (WoodCarving(_DESIGN_MM, 1.5, seed), Wood(0.3, 0.6, 0.8, 20, seed)),
         "print": (BandNoise(_DESIGN_MM, 0.1, 16, 1.5, seed), Print(0.8, 0.2, 0.8, 10, seed)),
+        "plaster": (BandNoise(_DESIGN_MM, 0.05, 6, 2.0, seed), Cork(0.6, 0.65, 0.6, seed)),
     }[name]
     radius = 9.4
     return Placed(radius, (base, _fine(seed)), scale=radius / _DESIGN_MM), paint
@@ -215,18 +216,28 @@ def moved(surface: Placed, rng: np.random.Generator) -> Placed:
 
 
 def recorded(
-    surface: Placed, paint: Pattern, seed: int, *, lights: int = 36, size: int = SIZE
+    surface: Surface,
+    paint: Pattern,
+    seed: int,
+    *,
+    lights: int = 36,
+    size: int = SIZE,
+    error: float = LIGHT_ERROR,
+    stated: bool = False,
 ) -> Reconstruction:
-    """Record an object, and process it with lights that deviate from the true ones."""
+    """Record an object, and process it with lights that deviate from the true ones.
+
+    ``error`` is the relative deviation; the lights state it if they are ``stated``.
+    """
     true = dome_lights(lights, seed=11)
     images, mask = _photographs(surface, paint, true, seed, size)
-    stated = deviating(true, np.random.default_rng([seed, 2]))
+    assumed = deviating(true, np.random.default_rng([seed, 2]), error, stated=stated)
     camera = _camera(size)
-    recording = Recording("pair", images, stated, camera, mask, None, None)
+    recording = Recording("pair", images, assumed, camera, mask, None, None)
     with TemporaryDirectory() as name:
         folder = Path(name) / "images"
         recording.write(folder)
-        source = read_source(folder, lights=stated, mask_path=mask_file(folder), camera=camera)
+        source = read_source(folder, lights=assumed, mask_path=mask_file(folder), camera=camera)
         return reconstruct(source, align="off", surface=False)
 
 
@@ -239,7 +250,7 @@ def _camera(size: int) -> CameraModel:
 
 
 def _photographs(
-    surface: Placed, paint: Pattern, lights: Lights, seed: int, size: int
+    surface: Surface, paint: Pattern, lights: Lights, seed: int, size: int
 ) -> tuple[Float32, Bool]:
     """Return images with the noise of a sensor; a pixel is the mean of 2 x 2 that are rendered."""
     lens = Lens(
@@ -266,14 +277,20 @@ def _photographs(
     return images, halved(made.truth.mask.astype(np.float32)) == 1
 
 
-def deviating(lights: Lights, rng: np.random.Generator) -> Lights:
-    """Return lights whose positions and intensities deviate."""
+def deviating(
+    lights: Lights, rng: np.random.Generator, error: float, *, stated: bool = False
+) -> Lights:
+    """Return lights whose positions and intensities deviate, and perhaps state by how much."""
     places = np.asarray(lights.positions_mm)
     away = np.linalg.norm(places, axis=1, keepdims=True)
-    places = places + LIGHT_ERROR * away / math.sqrt(3) * rng.normal(size=places.shape)
-    factors = 1 + LIGHT_ERROR * rng.normal(size=(len(places), 1))
+    deviation = error * away / math.sqrt(3)
+    places = places + deviation * rng.normal(size=places.shape)
+    intensities = np.asarray(lights.intensities) * (1 + error * rng.normal(size=(len(places), 1)))
+    errors = LightErrors(
+        covariances=deviation[..., None] ** 2 * np.eye(3), intensity_std=error * intensities
+    )
     return replace(
-        lights, positions_mm=places, intensities=np.asarray(lights.intensities) * factors
+        lights, positions_mm=places, intensities=intensities, errors=errors if stated else None
     )
 
 

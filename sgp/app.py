@@ -44,6 +44,7 @@ _TOP = (
     "inspect",
     "surface",
     "curvature",
+    "roughness",
     "project",
     "compare",
     "merge",

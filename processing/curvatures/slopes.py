@@ -5,24 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import CameraModel, DataError
 from acquisition.files import rows_in_bands
 from calibration import EstimateError
+from processing.maps.local_planes import fit_planes
 from processing.maps.normal_map import NormalMap, check_normal_map
 from processing.surface.scale import surface_scale
 from rig.arrays import Bool, Float32, Float64
 
 # Cosine of the angle to the line of sight, within 6 degrees of edge-on.
 _LEAST_FACING = 0.1
-# The weights end at this many times the scale.
-_REACH = 4.0
-# Smallest variance of the positions along any direction, relative to that of a complete window;
-# half of a window has 0.36.
-_LEAST_SPREAD = 0.05
 _ROWS = 256
 # Steeper normals (beyond 84 degrees) have no slopes that could be used.
 _LEAST_NZ = 0.1
@@ -30,71 +25,12 @@ _MOST_SCALE = 100.0
 
 
 class _Planes(NamedTuple):
-    """Planes ``value + right * x + up * y`` of C values around each pixel, x and y in pixels.
-
-    Parameters
-    ----------
-    value, right, up
-        ``(C, H, W)`` float64.
-    known
-        ``(H, W)`` bool, where the pixels of the mask determine them.
-    """
+    """Planes of n_x and n_y around each pixel of a band, each ``(2, H, W)`` float64."""
 
     value: Float64
     right: Float64
     up: Float64
     known: Bool
-
-
-def _reach(scale_px: float) -> int:
-    """Return how many pixels around one take part in its fit."""
-    return max(1, int(np.ceil(_REACH * scale_px)))
-
-
-def _fit_planes(values: Float64, mask: Bool, scale_px: float) -> _Planes:
-    """Fit planes by least squares with the weights ``exp(-(x^2 + y^2) / (2 scale^2))``.
-
-    Parameters
-    ----------
-    values
-        ``(C, H, W)`` float64, finite inside the mask.
-    mask
-        ``(H, W)`` bool; other pixels have no weight.
-    scale_px
-        Standard deviation of the weights in pixels.
-    """
-    offset = np.arange(-_reach(scale_px), _reach(scale_px) + 1, dtype=np.float64)
-    weight = np.exp(-0.5 * (offset / scale_px) ** 2)
-    weight /= weight.sum()
-    # Rows run down, y is up.
-    across = [weight * offset**power for power in range(3)]
-    along = [weight * (-offset) ** power for power in range(3)]
-
-    def moment(image: Float64, x: int, y: int) -> Float64:
-        filtered = cv2.sepFilter2D(
-            image, cv2.CV_64F, across[x], along[y], borderType=cv2.BORDER_CONSTANT
-        )
-        return np.asarray(filtered, np.float64)
-
-    inside = mask.astype(np.float64)
-    total = np.where(mask, moment(inside, 0, 0), 1.0)
-    x, y = moment(inside, 1, 0) / total, moment(inside, 0, 1) / total
-    xx = moment(inside, 2, 0) / total - x * x
-    xy = moment(inside, 1, 1) / total - x * y
-    yy = moment(inside, 0, 2) / total - y * y
-    least = (xx + yy) / 2 - np.hypot((xx - yy) / 2, xy)
-    known = mask & (least > _LEAST_SPREAD * across[2].sum())
-    determinant = np.where(known, xx * yy - xy * xy, 1.0)
-    value, right, up = np.zeros((3, *values.shape))
-    for i, image in enumerate(values):
-        weighted = np.where(mask, image, 0.0)
-        mean = moment(weighted, 0, 0) / total
-        with_x = moment(weighted, 1, 0) / total - x * mean
-        with_y = moment(weighted, 0, 1) / total - y * mean
-        right[i] = (yy * with_x - xy * with_y) / determinant
-        up[i] = (xx * with_y - xy * with_x) / determinant
-        value[i] = mean - right[i] * x - up[i] * y
-    return _Planes(value, right, up, known)
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,16 +167,14 @@ def curvature(
         pixel_size=pixel_size,
         scale_px=scale_px,
     )
-    around = _reach(scale_px)
+    usable = normal_map.mask & (normal_map.normals[..., 2] > _LEAST_NZ)
+    fitted = [fit_planes(normal_map.normals[..., i], usable, scale_px) for i in range(2)]
     for rows in rows_in_bands(normal_map.size[0], 1, _ROWS):
-        read = slice(max(rows.start - around, 0), rows.stop + around)
-        normals = normal_map.normals[read]
-        usable = normal_map.mask[read] & (normals[..., 2] > _LEAST_NZ)
-        planes = _fit_planes(
-            np.moveaxis(normals[..., :2], -1, 0).astype(np.float64), usable, scale_px
+        value, right, up = (
+            np.stack([part[rows] for part in parts]).astype(np.float64)
+            for parts in zip(*(planes[:3] for planes in fitted), strict=True)
         )
-        own = slice(rows.start - read.start, rows.stop - read.start)
-        planes = _Planes._make(part[..., own, :] for part in planes)
+        planes = _Planes(value, right, up, fitted[0].known[rows])
         if depth is None or camera is None:
             steps = pixel_size * np.eye(2)[..., None, None]
         else:

@@ -172,6 +172,8 @@ Quality = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte
 Leds = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte=4096))]
 Pixels = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte=10**12))]
 Positive = Annotated[float, Parameter(converter=_real, validator=Number(gt=0, lte=1e6))]
+NotNegative = Annotated[float, Parameter(converter=_real, validator=Number(gte=0, lte=1e6))]
+Percent = Annotated[float, Parameter(converter=_real, validator=Number(gte=0, lte=100))]
 # The range of `processing.curvatures.curvature`.
 Probability = Annotated[float, Parameter(converter=_real, validator=Number(gt=0, lt=1))]
 FitScale = Annotated[float, Parameter(converter=_real, validator=Number(gte=0.3, lte=100))]

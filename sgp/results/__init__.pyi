@@ -25,13 +25,17 @@ from .metrics import IntensitiesMetrics as IntensitiesMetrics
 from .metrics import LevelMetrics as LevelMetrics
 from .metrics import LightDifferenceMetrics as LightDifferenceMetrics
 from .metrics import LikenessMetrics as LikenessMetrics
+from .metrics import LimitMetrics as LimitMetrics
+from .metrics import MeasuredMetrics as MeasuredMetrics
 from .metrics import MergeMetrics as MergeMetrics
 from .metrics import ProjectMetrics as ProjectMetrics
 from .metrics import PropertiesMetrics as PropertiesMetrics
+from .metrics import QuantityMetrics as QuantityMetrics
 from .metrics import RegisteredMetrics as RegisteredMetrics
 from .metrics import RelightMetrics as RelightMetrics
 from .metrics import ReportMetrics as ReportMetrics
 from .metrics import RotationSimilarityMetrics as RotationSimilarityMetrics
+from .metrics import RoughnessMetrics as RoughnessMetrics
 from .metrics import RtiMetrics as RtiMetrics
 from .metrics import RunMetrics as RunMetrics
 from .metrics import SimulateMetrics as SimulateMetrics

@@ -1055,6 +1055,117 @@ class FieldPairMetrics(TypedDict):
     disagreement: NotRequired[float | None]
 
 
+class QuantityMetrics(TypedDict):
+    """A parameter of an area, a profile or a step.
+
+    Parameters
+    ----------
+    name
+        name of the parameter by its standard
+    unit
+        its unit; empty for a pure number
+    value : `unit`
+        the parameter without what noise adds; null if it is not defined
+    sigma : `unit`
+        its standard uncertainty; null if errors of the normals are not known
+    measured : `unit`
+        the parameter of the heights as they are, noise included
+    budget : `unit`
+        standard uncertainty by source: noise, noise level, lights, scale, filter, form
+    doubts
+        why the uncertainty is not assured; empty if it is
+    """
+
+    name: str
+    unit: str
+    value: float | None
+    sigma: float | None
+    measured: float | None
+    budget: dict[str, float]
+    doubts: list[str]
+
+
+class MeasuredMetrics(TypedDict):
+    """An area, a profile or a step that was measured.
+
+    Parameters
+    ----------
+    name
+        its name
+    kind
+        `area`, `profile` or `step`
+    place
+        `x,y,w,h` of the rectangle around an area, or the line, in pixels
+    pixels : px
+        pixels with a height
+    form
+        form that was removed
+    s_mm : mm
+        nesting index of the S-filter
+    l_mm : mm
+        nesting index of the L-filter; 0 for none
+    parameters
+        the parameters
+    """
+
+    name: str
+    kind: Literal["area", "profile", "step"]
+    place: str
+    pixels: int
+    form: NotRequired[str]
+    s_mm: NotRequired[float]
+    l_mm: NotRequired[float]
+    parameters: list[QuantityMetrics]
+
+
+class LimitMetrics(TypedDict):
+    """A limit, and whether a part conforms to it (ISO 14253-1).
+
+    Parameters
+    ----------
+    parameter
+        name of the parameter
+    region
+        area or line
+    least : unit of the parameter
+        lower limit; null for none
+    most : unit of the parameter
+        upper limit; null for none
+    answer
+        `conforms`, `exceeded` or `undecided`
+    """
+
+    parameter: str
+    region: str
+    least: float | None
+    most: float | None
+    answer: Literal["conforms", "exceeded", "undecided"]
+
+
+class RoughnessMetrics(TypedDict):
+    """Figures of the roughness of a surface.
+
+    Parameters
+    ----------
+    pixel_mm : mm
+        size of a pixel at the mean height
+    lens_blur_px : px
+        standard deviation of the blur of the lens
+    lateral_resolution_mm : mm
+        length of the wave of which half of the amplitude remains
+    regions
+        what was measured
+    limits
+        `--limits`: each limit with its answer
+    """
+
+    pixel_mm: float
+    lens_blur_px: float
+    lateral_resolution_mm: float
+    regions: list[MeasuredMetrics]
+    limits: NotRequired[list[LimitMetrics]]
+
+
 class MergeMetrics(TypedDict):
     """Figures of fields that were joined.
 
@@ -1300,6 +1411,7 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp project": (ProjectMetrics,),
     "sgp compare": (CompareMetrics, RegisteredMetrics),
     "sgp merge": (MergeMetrics,),
+    "sgp roughness": (RoughnessMetrics,),
     "sgp export": (RtiMetrics,),
     "sgp relight": (RelightMetrics,),
     "sgp capture export": (ExportMetrics,),

@@ -18,6 +18,8 @@ from .options import SeparationOptions as SeparationOptions
 from .options import SurfaceOptions as SurfaceOptions
 from .read_field import FieldInput as FieldInput
 from .read_field import read_field as read_field
+from .read_surface import SurfaceInput as SurfaceInput
+from .read_surface import read_surface as read_surface
 from .recording import Stopwatch as Stopwatch
 from .recording import compute_normals as compute_normals
 from .recording import not_used as not_used
@@ -49,6 +51,8 @@ from .write import write_separation as write_separation
 from .write_changes import add_changes as add_changes
 from .write_changes import add_difference as add_difference
 from .write_profile import write_height_profile as write_height_profile
+from .write_roughness import Measured as Measured
+from .write_roughness import write_roughness as write_roughness
 from .write_superres import measure_superres as measure_superres
 from .write_superres import write_superres_maps as write_superres_maps
 from .write_superres import write_superres_picture as write_superres_picture

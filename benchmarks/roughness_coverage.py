@@ -1,0 +1,145 @@
+"""Coverage of the uncertainties of areal parameters, on simulated recordings.
+
+For example:
+
+    python benchmarks/roughness_coverage.py --seed 700 --count 200 --out rows.csv
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import math
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from changed_objects import DISTANCE_MM, PIXEL_MM, SIZE, object_named, recorded
+
+from processing import integrate
+from processing.roughness import (
+    AREAL,
+    ErrorModel,
+    NormalErrors,
+    Resolution,
+    Scales,
+    areal_parameters,
+    measure_area,
+    scale_limited,
+)
+from rig.arrays import Float64
+from simulator.shapes.surface import Surface
+
+SURFACES = ("coin", "leather", "textile", "woodcarving", "print", "plaster")
+# The area, pixels from the middle of the image, and samples per pixel of the truth.
+_HALF = 110
+_FINE = 4
+_USUAL_PX = 0.76
+
+
+class Row(NamedTuple):
+    """A parameter of a recording."""
+
+    surface: str
+    seed: int
+    parameter: str
+    truth: float
+    measured: float
+    value: float
+    sigma: float
+    assured: bool
+
+
+def true_heights(surface: Surface) -> Float64:
+    """Return the heights that the pixels of the area see, `_FINE` samples per pixel and side."""
+    margin = 60
+    count = 2 * (_HALF + margin) * _FINE
+    at = ((np.arange(count) + 0.5) / _FINE - _HALF - margin) * PIXEL_MM
+    x, y = np.meshgrid(at, -at)
+    height = np.zeros(x.shape)
+    for _ in range(4):
+        nearer = (DISTANCE_MM - height) / DISTANCE_MM
+        height = surface.evaluate(x * nearer, y * nearer)[0]
+    return height
+
+
+def recording(job: tuple[str, int], lights_error: float) -> list[Row]:
+    name, seed = job
+    surface, paint = object_named(name, seed)
+    surface = replace(surface, turn_deg=float(np.random.default_rng(seed).uniform(0, 360)))
+    made = recorded(surface, paint, seed, error=lights_error, stated=True)
+    normals = made.normals
+    found = integrate(normals, camera=made.source.camera, discontinuity=False)
+    sigma = np.asarray(made.maps["normal_sigma_deg"][:])
+    common = float(np.nanmedian(made.maps["normal_sigma_common_deg"][:]))
+    blur = made.blur
+    if blur is None:
+        raise SystemExit("no blur")
+    blur_px, spread = (blur.sigma_px, 0.15) if blur.shown else (_USUAL_PX, 0.25)
+    resolution = Resolution(found.pixel_size, blur_px, spread * blur_px)
+    area = np.zeros(normals.size, bool)
+    middle = SIZE // 2
+    area[middle - _HALF : middle + _HALF, middle - _HALF : middle + _HALF] = True
+    errors = ErrorModel(NormalErrors(normals.normals, sigma, common), 0.0)
+    heights = found.height
+    measured = measure_area(heights, area, resolution, Scales(), errors)
+    fine = Resolution(PIXEL_MM / _FINE)
+    whole = true_heights(surface)
+    inside = np.zeros(whole.shape, bool)
+    inside[60 * _FINE : -60 * _FINE, 60 * _FINE : -60 * _FINE] = True
+    truth = areal_parameters(scale_limited(whole, inside, measured.scales, fine), fine.pixel_mm)
+    return [
+        Row(name, seed, key, truth[key], one.measured, one.value, one.sigma, not one.doubts)
+        for key, one in measured.quantities.items()
+    ]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seed", type=int, default=700)
+    parser.add_argument("--count", type=int, default=200)
+    parser.add_argument("--light-error", type=float, default=0.005)
+    parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--out", type=Path)
+    options = parser.parse_args()
+    jobs = [(SURFACES[i % len(SURFACES)], options.seed + i) for i in range(options.count)]
+    rows: list[Row] = []
+    with ProcessPoolExecutor(options.processes) as pool:
+        for done, found in enumerate(
+            pool.map(partial(recording, lights_error=options.light_error), jobs), 1
+        ):
+            rows += found
+            print(f"{done} of {len(jobs)}", flush=True)
+    if options.out:
+        with options.out.open("w", newline="") as file:
+            table = csv.writer(file, lineterminator="\n")
+            table.writerow(Row._fields)
+            table.writerows(rows)
+    for line in summary(rows):
+        print(line)
+
+
+def summary(rows: list[Row]) -> Iterator[str]:
+    """Yield, for each parameter, the share of intervals with k = 2 that contain the truth."""
+    yield "parameter  within k=2  median |error|/sigma  error / truth  assured"
+    for name in AREAL:
+        these = [row for row in rows if row.parameter == name and math.isfinite(row.truth)]
+        kept = [row for row in these if math.isfinite(row.value) and row.assured]
+        if not kept:
+            yield f"{name}: none of {len(these)} assured"
+            continue
+        z = np.array([(row.value - row.truth) / row.sigma for row in kept])
+        off = np.array([(row.value - row.truth) / row.truth for row in kept])
+        yield (
+            f"{name:6} {np.mean(np.abs(z) <= 2):.3f}  {np.median(np.abs(z)):.2f} "
+            f"mean z {np.mean(z):+.2f}  relative {np.median(off):+.3%} +- {np.std(off):.3%}  "
+            f"{len(kept)} of {len(these)}"
+        )
+
+
+if __name__ == "__main__":
+    main()

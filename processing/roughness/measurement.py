@@ -1,0 +1,242 @@
+"""Measurements of areas, profiles and steps, with the uncertainty of each parameter."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from acquisition import DataError
+from processing.roughness.areal_parameters import AREAL, Parameter, areal_parameters
+from processing.roughness.line import Line
+from processing.roughness.profile_parameters import (
+    PROFILE,
+    profile_parameters,
+    scale_limited_profile,
+)
+from processing.roughness.scale_limited import Resolution, Scales, scale_limited
+from processing.roughness.step_height import STEP, step_height
+from processing.roughness.uncertainty import ErrorModel, Evaluate, Quantity, quantities
+from rig import Progress, no_progress, short_repr
+from rig.arrays import Bool, Float64, Floating
+
+# A parameter of which noise makes more than this share is not assured.
+_MOST_NOISE = 0.5
+# Texture of which the aspect ratio is larger has no direction.
+_LEAST_STRIPED = 0.5
+# Narrowest flank of a step that normals resolve.
+_LEAST_FLANK_PX = 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class Area:
+    """What was measured in an area.
+
+    Parameters
+    ----------
+    quantities
+        The parameters by name.
+    scales
+        Form and filters, with both nesting indices.
+    heights_mm
+        ``(H, W)`` scale-limited heights, NaN outside the area.
+    resolution
+        What the instrument transmits.
+    """
+
+    quantities: Mapping[str, Quantity]
+    scales: Scales
+    heights_mm: Floating
+    resolution: Resolution
+
+    __repr__ = short_repr
+
+
+def measure_area(
+    heights_mm: Floating,
+    area: Bool,
+    resolution: Resolution,
+    scales: Scales | None = None,
+    errors: ErrorModel | None = None,
+    *,
+    on_progress: Progress = no_progress,
+) -> Area:
+    """Return the parameters of an area (ISO 25178-2), with uncertainties.
+
+    Parameters
+    ----------
+    heights_mm
+        ``(H, W)``, NaN where they are not known.
+    area
+        ``(H, W)`` bool, the pixels that count.
+    resolution
+        What the instrument transmits.
+    scales
+        Form and filters; None for a plane and nesting indices by pixels and area.
+    errors
+        Of the heights; None for no uncertainties.
+    on_progress
+        Receives the stage ``uncertainty of parameters``.
+
+    Raises
+    ------
+    DataError
+        If the area has too few known heights, or is too small for the filters.
+    """
+    inside = area & np.isfinite(heights_mm)
+    if not inside.any():
+        raise DataError("the area has no known heights")
+    pixel = resolution.pixel_mm
+    rows, columns = (slice(int(at.min()), int(at.max()) + 1) for at in np.nonzero(inside))
+    side = pixel * min(rows.stop - rows.start, columns.stop - columns.start)
+    chosen = (scales or Scales()).resolved(resolution, side)
+    margin = math.ceil(max(chosen.s_mm or 0, chosen.l_mm or 0) / pixel)
+    window = (
+        slice(max(rows.start - margin, 0), rows.stop + margin),
+        slice(max(columns.start - margin, 0), columns.stop + margin),
+    )
+    heights, within = heights_mm[window], inside[window]
+
+    def evaluate(values: Floating, seen: Resolution, other: bool) -> dict[str, float]:
+        limited = scale_limited(values, within, chosen, seen, other_fit=other)
+        return areal_parameters(limited, seen.pixel_mm)
+
+    cropped = None if errors is None else errors.cropped(window)
+    found = quantities(evaluate, heights, resolution, cropped, AREAL, on_progress=on_progress)
+    limited = np.full(heights_mm.shape, np.nan, heights_mm.dtype)
+    limited[window] = scale_limited(heights, within, chosen, resolution)
+    return Area({name: _doubted(one) for name, one in found.items()}, chosen, limited, resolution)
+
+
+@dataclass(frozen=True, eq=False)
+class LineMeasurement:
+    """What was measured along a line.
+
+    Parameters
+    ----------
+    quantities
+        The parameters by name.
+    scales
+        Form and filters, with both nesting indices; None for a step.
+    heights_mm
+        ``(N,)`` heights along the line, one per pixel.
+    """
+
+    quantities: Mapping[str, Quantity]
+    scales: Scales | None
+    heights_mm: Float64
+
+    __repr__ = short_repr
+
+
+def measure_profile(
+    heights_mm: Floating,
+    line: Line,
+    resolution: Resolution,
+    scales: Scales | None = None,
+    errors: ErrorModel | None = None,
+    *,
+    on_progress: Progress = no_progress,
+) -> LineMeasurement:
+    """Return the parameters of a profile (ISO 21920-2), with uncertainties.
+
+    Parameters are those of `measure_area`, with a line instead of an area.
+
+    Raises
+    ------
+    DataError
+        If the line leaves the image, crosses a hole, or is too short for the filters.
+    """
+    chosen = (scales or Scales()).resolved(resolution, line.length_px * resolution.pixel_mm)
+
+    def evaluate(values: Floating, seen: Resolution, other: bool) -> dict[str, float]:
+        way = replace(chosen, robust=chosen.robust != other)
+        return profile_parameters(
+            scale_limited_profile(values.ravel().astype(np.float64), way, seen)
+        )
+
+    found = _along(evaluate, heights_mm, line, resolution, errors, PROFILE, on_progress)
+    return LineMeasurement(found, chosen, line.of(heights_mm))
+
+
+def measure_step(
+    heights_mm: Floating,
+    line: Line,
+    resolution: Resolution,
+    errors: ErrorModel | None = None,
+    *,
+    joined: bool = False,
+    on_progress: Progress = no_progress,
+) -> LineMeasurement:
+    """Return the height of a step, or the depth of a groove (ISO 5436-1), with its uncertainty.
+
+    Parameters
+    ----------
+    heights_mm, line, resolution, errors, on_progress
+        As for `measure_profile`.
+    joined
+        Whether known heights on both sides determine the step. Otherwise normals of the flank do,
+        so it must be resolved.
+
+    Raises
+    ------
+    DataError
+        As `measure_profile`, or if a flank is too narrow.
+    EstimateError
+        If there is no step.
+    """
+    heights = line.of(heights_mm)
+    if not np.isfinite(heights).all():
+        raise DataError(
+            f"line {line}: crosses a hole or a jump: heights on its two sides are not connected; "
+            "known heights on both sides connect them (`sgp surface --prior`)"
+        )
+    flank = step_height(heights).flank_px
+    if flank < _LEAST_FLANK_PX and not joined:
+        raise DataError(
+            f"line {line}: the flank is {flank:.1f} pixels wide: normals show the height of a wall "
+            f"that has {_LEAST_FLANK_PX:g} pixels or more; known heights on both sides show it "
+            "(`sgp surface --prior`), or images with smaller pixels"
+        )
+
+    def evaluate(values: Floating, seen: Resolution, other: bool) -> dict[str, float]:
+        step = step_height(values.ravel().astype(np.float64), rounded=2.0 if other else 1.0)
+        pixel = seen.pixel_mm
+        return {"d": 1000 * step.height, "W": pixel * step.width_px, "flank": pixel * step.flank_px}
+
+    found = _along(evaluate, heights_mm, line, resolution, errors, STEP, on_progress)
+    return LineMeasurement(found, None, heights)
+
+
+def _along(
+    evaluate: Evaluate,
+    heights_mm: Floating,
+    line: Line,
+    resolution: Resolution,
+    errors: ErrorModel | None,
+    parameters: Mapping[str, Parameter],
+    on_progress: Progress,
+) -> dict[str, Quantity]:
+    """Return quantities of the heights along a line; errors are integrated around it."""
+    window = line.window(heights_mm.shape, int(line.length_px / 4))
+    inner = line.moved(window)
+
+    def sampled(values: Floating, seen: Resolution, other: bool) -> Mapping[str, float]:
+        return evaluate(inner.of(values)[None], seen, other)
+
+    cropped = None if errors is None else errors.cropped(window)
+    found = quantities(
+        sampled, heights_mm[window], resolution, cropped, parameters, on_progress=on_progress
+    )
+    return {name: _doubted(one) for name, one in found.items()}
+
+
+def _doubted(quantity: Quantity) -> Quantity:
+    """Return a quantity with doubts about its uncertainty."""
+    doubts = list(quantity.doubts)
+    share = abs(quantity.measured - quantity.value) / abs(quantity.measured or 1)
+    if share > _MOST_NOISE:
+        doubts.append(f"{share:.0%} of it is noise")
+    return replace(quantity, doubts=tuple(doubts))

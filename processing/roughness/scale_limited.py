@@ -1,0 +1,172 @@
+"""The part of a surface between two scales: form removed, finest and longest waves filtered."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from acquisition import DataError
+from processing.roughness.form import Form, fit_form
+from processing.roughness.gaussian import mean_surface
+from rig.arrays import Bool, Floating
+
+# Nesting indices in mm (ISO 25178-3, table 1): 1, 2, 2.5, 5 and 8 of each decade.
+NESTING_MM: Final = tuple(
+    float(f"{digit}e{power}") for power in range(-4, 3) for digit in (1, 2, 2.5, 5, 8)
+)
+# Pixels of the shortest wave that counts: 5 samples per S-filter nesting index (ISO 25178-3).
+_LEAST_PIXELS = 5
+# Nesting indices of the L-filter along the shorter side of an area, as the five sampling lengths of
+# a profile.
+_SECTIONS = 5
+# A Gaussian of standard deviation 1 transmits half of a wave of this length.
+_HALF: Final = math.pi * math.sqrt(2 / math.log(2))
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """What the instrument transmits.
+
+    Parameters
+    ----------
+    pixel_mm
+        Distance between neighbouring pixels.
+    blur_px
+        Standard deviation of the blur by the lens and the aperture of a pixel, in pixels.
+    blur_sigma_px
+        Standard deviation of `blur_px`.
+    """
+
+    pixel_mm: float
+    blur_px: float = 0.0
+    blur_sigma_px: float = 0.0
+
+    @property
+    def lateral_mm(self) -> float:
+        """Length of the wave of which half of the amplitude remains (ISO 25178-600)."""
+        return max(_HALF * self.blur_px, 2.0) * self.pixel_mm
+
+    @property
+    def least_mm(self) -> float:
+        """Smallest nesting index of an S-filter that these pixels can fulfil."""
+        return max(self.lateral_mm, _LEAST_PIXELS * self.pixel_mm)
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Operators that make a scale-limited surface of heights (ISO 25178-2).
+
+    Parameters
+    ----------
+    form
+        Form that is removed (F-operation).
+    s_mm
+        Nesting index of the S-filter, which removes shorter waves; None for the smallest one of
+        ISO 25178-3 that the instrument resolves.
+    l_mm
+        Nesting index of the L-filter, which removes longer waves; 0 for none; None for the largest
+        one of ISO 25178-3 that fits five times into the shorter side of the area.
+    robust
+        Whether form and L-filter give outliers little weight.
+    """
+
+    form: Form = "plane"
+    s_mm: float | None = None
+    l_mm: float | None = None
+    robust: bool = False
+
+    def resolved(self, resolution: Resolution, side_mm: float) -> Scales:
+        """Return the same with both nesting indices.
+
+        Parameters
+        ----------
+        resolution
+            What the instrument transmits.
+        side_mm
+            Shorter side of the area.
+
+        Raises
+        ------
+        DataError
+            If a nesting index is below the resolution, or does not fit the area.
+        """
+        least = resolution.least_mm
+        s_mm = self.s_mm
+        if s_mm is None:
+            s_mm = next((one for one in NESTING_MM if one >= least), least)
+        elif s_mm < least:
+            raise DataError(
+                f"an S-filter of {s_mm:g} mm is below what the images resolve: use {least:.2g} mm "
+                f"or more (lateral resolution {resolution.lateral_mm:.2g} mm, pixels of "
+                f"{resolution.pixel_mm:.2g} mm)"
+            )
+        l_mm = self.l_mm
+        if l_mm is None:
+            fitting = [one for one in NESTING_MM if s_mm < one <= side_mm / _SECTIONS]
+            l_mm = fitting[-1] if fitting else 0.0
+        if 0 < l_mm <= s_mm:
+            raise DataError(
+                f"an L-filter of {l_mm:g} mm leaves nothing of an S-filter of {s_mm:g} mm: use more"
+            )
+        if side_mm < max(l_mm, s_mm):
+            raise DataError(
+                f"the area is {side_mm:.3g} mm wide, too small for a filter of "
+                f"{max(l_mm, s_mm):g} mm: the smallest area is {max(l_mm, s_mm):g} mm wide"
+            )
+        return Scales(self.form, s_mm, l_mm, self.robust)
+
+
+def scale_limited(
+    heights_mm: Floating,
+    area: Bool,
+    scales: Scales,
+    resolution: Resolution,
+    *,
+    other_fit: bool = False,
+) -> Floating:
+    """Return the scale-limited heights of an area.
+
+    The blur of lens and pixels is a part of the S-filter: only what it lacks is filtered, so
+    instruments of different sharpness show the same surface. The integration of normals is none: it
+    transmits ``1 - 23 f^4`` of a frequency f per pixel.
+
+    Parameters
+    ----------
+    heights_mm
+        ``(H, W)``, NaN where they are not known.
+    area
+        ``(H, W)`` bool. Form and filters also read what is known up to one nesting index beyond it,
+        so that it has no border effects: let heights that do not belong to the surface be NaN.
+    scales
+        The operators, with both nesting indices.
+    resolution
+        What the instrument transmits.
+    other_fit
+        Fit the form robustly if it is not to be, and the other way round.
+
+    Returns
+    -------
+    ``(H, W)`` mm, NaN outside the area.
+    """
+    if scales.s_mm is None or scales.l_mm is None:
+        raise DataError("nesting indices are missing: use those of `Scales.resolved`")
+    pixel = resolution.pixel_mm
+    margin = math.ceil(max(scales.s_mm, scales.l_mm) / pixel)
+    rows, columns = (
+        slice(max(int(at.min()) - margin, 0), int(at.max()) + margin + 1) for at in np.nonzero(area)
+    )
+    part, inside = heights_mm[rows, columns], area[rows, columns]
+    # Filters lose digits of large heights.
+    part = part - part.dtype.type(np.nanmean(part[inside]))
+    fine = mean_surface(part, scales.s_mm / pixel, removed_px=resolution.blur_px)
+    form = fit_form(fine, pixel, scales.form, robust=scales.robust != other_fit).heights
+    limited = fine - form
+    if scales.l_mm > 0:
+        limited = limited - mean_surface(limited, scales.l_mm / pixel, robust=scales.robust)
+    found = np.full(heights_mm.shape, np.nan, heights_mm.dtype)
+    limited = np.where(inside, limited, np.nan)
+    found[rows, columns] = limited - np.nanmean(limited)
+    return found

@@ -1,0 +1,173 @@
+"""A surface in millimetres with its error bars, from a result."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+import acquisition
+import processing
+import rig
+from processing.roughness import ErrorModel, NormalErrors, Resolution
+from rig.arrays import Float32, Int32
+from sgp.cli.exit import UsageError
+from sgp.results import ResultRecord, input_hashes, read_record
+from sgp.stages.result_source import NormalsResult, find_normals
+from sgp.stages.sigma_map import read_sigma
+
+_RECORD = "surface.json"
+# Blur of a usual lens in focus with the aperture of a pixel, in pixels, and relative standard
+# deviations of it, and of the blur that normals show.
+_USUAL_BLUR_PX, _USUAL_SPREAD, _SHOWN_SPREAD = 0.76, 0.25, 0.15
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceInput:
+    """A surface that a command measures.
+
+    Parameters
+    ----------
+    heights_mm
+        ``(H, W)`` float32, NaN outside the mask.
+    parts
+        ``(H, W)`` int32 parts whose relative heights are not known, -1 outside; None if there is
+        one.
+    resolution
+        What the instrument transmits.
+    errors
+        Error bars; None if the result has none.
+    joined
+        Whether known heights have determined the surface.
+    normals
+        The normals that were integrated; None if they are gone.
+    files, notices
+        The files, and notices about them.
+    """
+
+    heights_mm: Float32
+    parts: Int32 | None
+    resolution: Resolution
+    errors: ErrorModel | None
+    joined: bool
+    normals: NormalsResult | None
+    files: list[Path]
+    notices: list[rig.Notice] = field(default_factory=list)
+
+
+def read_surface(path: Path, *, scale_sigma: float, max_pixels: int) -> SurfaceInput:
+    """Read the surface of a result of ``sgp run``, ``sgp demo`` or ``sgp surface``.
+
+    Parameters
+    ----------
+    path
+        Folder of the result.
+    scale_sigma
+        Relative standard deviation of the size of a pixel.
+    max_pixels
+        Refuse images with more pixels than this.
+
+    Raises
+    ------
+    UsageError
+        If the folder has no surface.
+    DataError
+        If its heights are in pixels, or a file is missing or cannot be read.
+    """
+    folder = next((one for one in (path / "surface", path) if (one / _RECORD).is_file()), None)
+    if folder is None:
+        raise UsageError(
+            f"{path}: has neither {_RECORD} nor surface/{_RECORD}: give a folder that sgp run or "
+            "sgp surface has written"
+        )
+    record = read_record(folder / _RECORD)
+    metrics = record.metrics
+    size = metrics.get("pixel_size")
+    if metrics.get("unit") != "mm" or not isinstance(size, (int, float)):
+        raise acquisition.DataError(
+            f"{folder}: its heights are in pixels: roughness needs millimetres; compute the result "
+            "again with --pixel-mm, or with a camera that has a working distance"
+        )
+    height_file = folder / "height.exr"
+    heights = acquisition.read_image(height_file, max_pixels=max_pixels).astype(np.float32)
+    files = [folder / _RECORD, height_file]
+    distance = metrics.get("camera_distance")
+    pixel = float(size)
+    if isinstance(distance, (int, float)):
+        # Nearer pixels are smaller.
+        pixel *= 1 - float(np.nanmean(heights)) / float(distance)
+    parts = None
+    if (folder / "parts.png").is_file():
+        files.append(folder / "parts.png")
+        image = acquisition.read_image(files[-1], max_pixels=max_pixels)
+        parts = image.astype(np.int32) if len(np.unique(image[np.isfinite(heights)])) > 1 else None
+    notices = list[rig.Notice]()
+    normals = _normals_of(path, folder, record)
+    errors, blur = None, None
+    if normals is not None:
+        sigma_file = normals.folder / "normal_sigma_deg.exr"
+        stated = normals.record.metrics.get("lens_blur_px")
+        blur = float(stated) if isinstance(stated, (int, float)) else None
+        known = isinstance(normals.record.metrics.get("normal_sigma_deg"), (int, float))
+        if known and sigma_file.is_file():
+            read = processing.read_normals(normals.folder, max_pixels=max_pixels)
+            sigma = read_sigma(sigma_file, read.normal_map.mask, max_pixels)
+            files += [normals.record_file, *read.files, sigma_file]
+            if read.normal_map.size != heights.shape:
+                raise acquisition.DataError(
+                    f"{normals.folder}: its size is not that of {height_file}: give a complete "
+                    "result"
+                )
+            errors = ErrorModel(
+                NormalErrors(read.normal_map.normals, sigma.sigma_deg[:], sigma.common_deg),
+                scale_sigma,
+            )
+        elif normals.record.verdict not in (None, "good"):
+            notices.append(_verdict(normals))
+    if errors is None:
+        notices.append(
+            rig.Notice(
+                "roughness-without-errors",
+                "error bars of the normals are not known, so parameters have no uncertainty, and "
+                "noise is not removed from them",
+                str(path),
+            )
+        )
+    elif normals is not None and normals.record.verdict not in (None, "good"):
+        notices.append(_verdict(normals))
+    input_hashes(files)
+    blur_px = _USUAL_BLUR_PX if blur is None else blur
+    spread = _USUAL_SPREAD if blur is None else _SHOWN_SPREAD
+    return SurfaceInput(
+        heights_mm=np.where(np.isfinite(heights), heights, np.float32(math.nan)),
+        parts=parts,
+        resolution=Resolution(pixel, blur_px, spread * blur_px),
+        errors=errors,
+        joined="prior_heights" in metrics,
+        normals=normals,
+        files=files,
+        notices=notices,
+    )
+
+
+def _normals_of(path: Path, folder: Path, record: ResultRecord) -> NormalsResult | None:
+    """Return the normals of a surface: those next to it, or those that its record names."""
+    named = record.parameters.get("normals")
+    for place in (path, folder.parent, Path(named) if isinstance(named, str) else None):
+        if place is not None and place.is_dir():
+            try:
+                return find_normals(place)
+            except UsageError:
+                continue
+    return None
+
+
+def _verdict(normals: NormalsResult) -> rig.Notice:
+    causes = "; ".join(cause.name for cause in normals.record.causes[:2]) or "see its record"
+    text = (
+        f"the verdict on the normals is {normals.record.verdict} ({causes}): their error bars do "
+        "not include such mistakes, so the uncertainties are not assured"
+    )
+    return rig.Notice("roughness-not-assured", text, str(normals.folder))
