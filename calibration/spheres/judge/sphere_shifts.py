@@ -11,7 +11,7 @@ import numpy as np
 from calibration.radiance.stack import Images
 from calibration.spheres.geometry.ellipse import Ellipse
 from calibration.spheres.outline.limb import Profiles, stack_profiles
-from rig.arrays import Float32, Float64, Intp
+from rig.arrays import Float64, Intp
 
 # Profiles around an outline, their reach to both sides, and the distance of their samples in radii.
 _ANGLES, _REACH, _STEP = 120, 0.4, 1 / 200
