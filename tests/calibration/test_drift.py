@@ -4,37 +4,22 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
-from acquisition import Source, angle_deg, read_image, read_source
+from acquisition import Source, angle_deg, read_source, write_png
 from calibration import EstimateError, apply_spheres, calibrate_spheres
 from calibration.radiance import moved_values, raw_stack
 from calibration.spheres import SphereCalibration
 from rig.arrays import Float32, Float64, UInt16
-from tests.calibration.spheres_and_object import (
-    BALLS,
-    RADIUS,
-    SIZE,
-    directions,
-    normals_of,
-    write_recording,
-)
+from tests.calibration.spheres_and_object import directions, printed
 
 EVERY = [f"L{k:02d}" for k in range(8)]
 
 
 @pytest.fixture(scope="module")
 def images(tmp_path_factory: pytest.TempPathFactory) -> UInt16:
-    folder = tmp_path_factory.mktemp("still")
-    write_recording(folder)
-    made = np.array([read_image(folder / f"{name}.png") for name in EVERY], np.float64)
-    rng = np.random.default_rng(3)
-    paint = 1 + 0.6 * cv2.GaussianBlur(rng.normal(size=SIZE), (0, 0), 1.5)
-    printed = (made + 4000) * np.clip(paint, 0.2, 2)
-    on_ball = np.any([normals_of(ball, RADIUS + 1)[1] for ball in BALLS], axis=0)
-    return np.asarray(np.where(on_ball, made, printed).clip(0, 65535), np.uint16)
+    return np.asarray(printed(tmp_path_factory.mktemp("still")), np.uint16)
 
 
 def drifting() -> Float64:
@@ -89,8 +74,6 @@ def test_too_many_images_without_the_sphere_are_refused(images: UInt16) -> None:
 
 
 def test_the_source_gets_the_shifts(images: UInt16, tmp_path: Path) -> None:
-    from acquisition import write_png
-
     for name, image in zip(EVERY, stack_of(images, drifting()), strict=True):
         write_png(tmp_path / f"{name}.png", np.rint(65535 * image).astype(np.uint16))
     source: Source = read_source(tmp_path)

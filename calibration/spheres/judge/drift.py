@@ -18,8 +18,8 @@ from rig.arrays import Bool, Float32, Float64
 
 SpheresIn = Callable[[Images], tuple[list[SphereImage], list[Notice]]]
 
-# Images are compared in at most this many blocks along a side.
-_BLOCKS = 220
+# Images are compared in at most so many blocks along a side, first and then.
+_BLOCKS = 220, 880
 _ROUNDS, _SETTLED_PX, _FEWEST = 4, 0.2, 3
 # Spheres move as the rest of the image does, which is known to this many blocks; a sphere that is
 # nearer to the camera by a tenth of the distance moves further by a tenth.
@@ -70,9 +70,14 @@ def follow_camera(values: Images, usable: Sequence[int], spheres_in: SpheresIn) 
         If ``spheres_in`` finds no sphere.
     """
     height, width = values.shape[1:]
-    size = ceil(max(height, width) / _BLOCKS)
+    size, fine = (ceil(max(height, width) / blocks) for blocks in _BLOCKS)
     rough = np.zeros((len(values), 2))
     rough[list(usable)] = size * structure_shifts([_blocks(values[k], size) for k in usable])
+    if fine < size:  # fine blocks are more accurate, but may be far off
+        moved = moved_values(values, rough)
+        rest = np.zeros_like(rough)
+        rest[list(usable)] = fine * structure_shifts([_blocks(moved[k], fine) for k in usable])
+        rough += np.where(np.hypot(*rest.T) < _SAME_BLOCKS * size, rest.T, 0).T
     shifts = rough.copy()
     shown, spheres = list(usable), list[SphereImage]()
     unseen: dict[int, str] = {}
