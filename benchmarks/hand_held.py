@@ -149,7 +149,10 @@ def photographs(
     scene = scene_named(name, width=size[0], height=size[1], leds=1, seed=seed)
     ball = ChromeSphere((*_BALL_MM, RADIUS_MM), RADIUS_MM)
     scene = replace(scene, spheres=(ball,), board=Even(_BOARD))
-    still = render(seen(replace(scene, lights=lights.take([0])), *np.median(shifts, axis=0), kind))
+    # Of the images that count: a ball that left the picture is far away.
+    near = shifts[np.hypot(*(shifts - np.median(shifts, axis=0)).T) < _LEFT_PX / 2]
+    middle = np.median(near, axis=0).tolist()
+    still = render(seen(replace(scene, lights=lights.take([0])), middle[0], middle[1], kind))
     sensor = scene.noise
     white = (sensor.converter_end_dn - sensor.black_level_dn) * sensor.electrons_per_dn
     images, brightest = [], []

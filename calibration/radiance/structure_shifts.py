@@ -35,7 +35,7 @@ def structure_shifts(images: Sequence[Float32]) -> Float64:
     >>> from calibration.radiance import structure_shifts
     >>> paint = np.random.default_rng(1).uniform(0.2, 1, (80, 80)).astype(np.float32)
     >>> images = [paint, 0.5 * np.roll(paint, 4, axis=1), paint]
-    >>> structure_shifts(images).round(1)[1] + 0.0
+    >>> structure_shifts(images).round()[1] + 0.0
     array([4., 0.])
     """
     maps = []
