@@ -63,6 +63,7 @@ from acquisition.pixels.icc_curve import icc_curve
 from acquisition.value_files import read_flat, read_sensor, read_transfer
 from processing import read_geometry, read_normals
 from processing.relight import read_ptm
+from processing.surface import read_x3p
 from rig import RigConfigError, UnreadableError, read_rig_config
 from simulator import read_scene
 from simulator.shapes import MeshBody
@@ -124,6 +125,7 @@ READERS: dict[str, Reader] = {
     "scene": Reader(read_scene, "scene"),
     "normals": Reader(read_normals, "normals"),
     "ptm": Reader(read_ptm, "ptm"),
+    "x3p": Reader(read_x3p, "x3p"),
     "mesh": Reader(read_geometry, "mesh"),
     "scene-mesh": Reader(lambda path: MeshBody.read(path, radius_mm=20), "mesh"),
     "diligent": Reader(_source, "diligent"),

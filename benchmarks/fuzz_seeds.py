@@ -16,6 +16,7 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 import scipy.io
 import trimesh
+import x3pio
 from fuzz_mutators import (
     Mutator,
     mutated,
@@ -45,6 +46,7 @@ from acquisition.session import Manifest, SessionWriter
 from acquisition.value_files import write_flat, write_sensor
 from acquisition.values import Measured
 from processing.relight import RelightableImage, write_ptm
+from processing.surface import X3pOrigin, write_x3p
 from simulator import scene_named, write_scene
 
 # Larger real files would only make the runs slower.
@@ -240,6 +242,17 @@ def _texture_maps(root: Path) -> None:
     write_ptm(root / "rgb.ptm", RelightableImage("ptm", np.stack([shared] * 3, axis=-1)))
     older = (root / "lrgb.ptm").read_bytes().replace(b"1.2", b"1.1", 1)
     (root / "older.ptm").write_bytes(older)
+
+
+def _x3ps(root: Path) -> None:
+    height = np.random.default_rng(1).normal(size=(12, 16)).astype(np.float32)
+    write_x3p(root / "a.x3p", height, 0.05, origin=X3pOrigin(creator="A", comment="owl"))
+    # Of other programs: text, and integers with a validity file.
+    height[3, :4] = np.nan
+    metres = height / 1e3
+    steps = {"x_scale": 5e-5, "y_scale": 5e-5}
+    x3pio.write(root / "text.x3p", metres, **steps, storage=x3pio.DataStorage.XML)
+    x3pio.write(root / "integers.x3p", metres, **steps, z_type=x3pio.DataType.INT16)
 
 
 def _masks(root: Path) -> None:
@@ -568,6 +581,7 @@ _MAKERS: dict[str, Callable[[Path], Iterator[Seed] | None]] = {
     "scene": _scenes,
     "normals": _normal_maps,
     "ptm": _texture_maps,
+    "x3p": _x3ps,
     "mesh": _meshes,
     "diligent": _diligents,
     "stack": _stacks,

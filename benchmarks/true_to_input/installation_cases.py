@@ -56,7 +56,8 @@ class _Installation:
             shutil.copytree(
                 Path(sgp.__file__).parents[1] / name,
                 self.packages / name,
-                ignore=shutil.ignore_patterns("__pycache__"),
+                # No kernels; modules need not be compiled again.
+                ignore=shutil.ignore_patterns("*.nb[ci]"),
             )
         flat = np.full((24, 32, 3), (65535, 32768, 32768), np.uint16)
         cv2.imwrite(str(self.work / "map.png"), flat)

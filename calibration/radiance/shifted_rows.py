@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 import cv2
@@ -13,6 +14,10 @@ from rig.arrays import AnyArray, Float32
 
 # Rows and columns that the interpolation needs on each side.
 _REACH: Final = 5
+
+
+# Many parts of an image have the same shift.
+_weights = lru_cache(maxsize=128)(lanczos)
 
 
 class Shift(NamedTuple):
@@ -31,8 +36,7 @@ class Shift(NamedTuple):
     @property
     def noise(self) -> float:
         """Variance of interpolated samples relative to that of the samples themselves."""
-        of_axis = (float((lanczos(part % 1) ** 2).sum()) for part in self)
-        return math.prod(of_axis)
+        return math.prod(float((lanczos(part % 1) ** 2).sum()) for part in self)
 
     def moved(self, image: Float32, top: int, wanted: slice) -> Float32:
         """Return the wanted rows of an image at the position of the others.
@@ -52,14 +56,17 @@ class Shift(NamedTuple):
             NaN next to missing samples, and outside the image.
         """
         whole = math.floor(self.right), math.floor(self.down)
-        right, down = (lanczos(part % 1) for part in self)
         missing = ~np.isfinite(image)
-        # A missing sample is bright.
-        bright = float(np.nanmax(image)) if not missing.all() else 0.0
-        filled = np.where(missing, np.float32(bright), image)
-        made = cv2.sepFilter2D(filled, cv2.CV_32F, right, down, borderType=cv2.BORDER_REPLICATE)
-        gone = cv2.dilate(missing.astype(np.uint8), np.ones((3, 3), np.uint8)).reshape(image.shape)
-        made = np.where(gone > 0, np.float32(np.nan), made.reshape(image.shape))
+        if some := missing.any():
+            # A missing sample is bright.
+            bright = float(np.nanmax(image)) if not missing.all() else 0.0
+            image = np.where(missing, np.float32(bright), image)
+        right, down = (_weights(part % 1) for part in self)
+        made = cv2.sepFilter2D(image, cv2.CV_32F, right, down, borderType=cv2.BORDER_REPLICATE)
+        made = made.reshape(image.shape)
+        if some:
+            gone = cv2.dilate(missing.astype(np.uint8), np.ones((3, 3), np.uint8))
+            made[gone.reshape(image.shape) > 0] = np.nan
         return self._placed(made, top, wanted, whole, np.float32(np.nan))
 
     def whole(self, values: AnyArray, top: int, wanted: slice) -> AnyArray:
@@ -74,11 +81,10 @@ class Shift(NamedTuple):
         right, down = by
         height, width = values.shape[:2]
         placed = np.full((wanted.stop - wanted.start, *values.shape[1:]), outside, values.dtype)
-        rows = np.arange(wanted.start, wanted.stop) + down - top
-        columns = np.arange(width) + right
-        inside_rows = (rows >= 0) & (rows < height)
-        inside_columns = (columns >= 0) & (columns < width)
-        placed[np.ix_(inside_rows, inside_columns)] = values[
-            np.ix_(rows[inside_rows], columns[inside_columns])
-        ]
+        first = wanted.start + down - top
+        above, before = max(0, -first), max(0, -right)
+        below, beside = min(len(placed), height - first), min(width, width - right)
+        if above < below and before < beside:
+            seen = values[above + first : below + first, before + right : beside + right]
+            placed[above:below, before:beside] = seen
         return placed

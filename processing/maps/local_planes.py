@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from rig.arrays import Bool, Float32, Float64, Floating
+from rig.arrays import AnyArray, Bool, Float32, Float64, Floating
 
 # The weights end at this many standard deviations; what is beyond is 4e-8 of the whole.
 _REACH = 5.5
@@ -71,6 +71,21 @@ class _Window(NamedTuple):
         middle[2 * step] = 1
         return cls((middle, square * first, square * middle + square**2 * second), 2 * step)
 
+    def sums(self, image: Float64, across: Float64, down: Float64) -> Float64:
+        """Return the weighted sums around the pixels of an image that have a complete window."""
+        if np.count_nonzero(self.powers[0]) > 1:
+            edge = slice(self.reach, -self.reach)
+            filtered = cv2.sepFilter2D(image, cv2.CV_64F, across, down)
+            return np.asarray(filtered, np.float64)[edge, edge]
+        # Few of these weights are not 0.
+        found: AnyArray = image
+        for axis, weights in ((1, across), (0, down)):
+            size = found.shape[axis] - 2 * self.reach
+            lines = np.moveaxis(found, axis, 0)
+            summed = sum(weights[at] * lines[at : at + size] for at in np.flatnonzero(weights))
+            found = np.moveaxis(np.asarray(summed), 0, axis)
+        return np.asarray(found, np.float64)
+
 
 def fit_planes(
     values: Floating, weights: Floating | Bool, scale_px: float, *, slopes: bool = True
@@ -122,13 +137,9 @@ def fit_planes(
 def _solve(
     values: Float64, weights: Float64, inside: Bool, window: _Window, *, slopes: bool
 ) -> Planes:
-    edge = slice(window.reach, -window.reach)
-
     def moment(image: Float64, x: int, y: int) -> Float64:
         # Rows run down, y is up.
-        along = window.powers[y] * (-1) ** y
-        filtered = cv2.sepFilter2D(image, cv2.CV_64F, window.powers[x], along)
-        return np.asarray(filtered, np.float64)[edge, edge]
+        return window.sums(image, window.powers[x], window.powers[y] * (-1) ** y)
 
     square = float(window.powers[2].sum())
     mean = moment(values, 0, 0)

@@ -95,7 +95,7 @@ class ShiftFit:
         """Return the share by which the cost is lower than that of images as they are."""
         state = self.state
         vectors, still = unmoved.vectors(state.pixels), np.zeros_like(self.shifts)
-        before = _linearized(unmoved, state.pixels, vectors, still, state.scale)
+        before = _at(unmoved, state.pixels, vectors, still, state.scale)
         return 1 - state.cost / max(before.cost, 1e-300)
 
 
@@ -111,19 +111,20 @@ def fit_shifts(patches: Patches, starts: Sequence[Float64], steps: int) -> Shift
     steps
         Largest number of steps from each.
     """
-    pixels = _strongest(patches, _MOST_SAMPLES // len(patches.values))
+    _, fine = _filtered(patches, np.zeros((len(patches.values), 2)))
+    pixels = _strongest(patches, fine, _MOST_SAMPLES // len(patches.values))
     vectors = patches.vectors(pixels)
     fits = []
     scale = None
     for start in starts:
         shifts, damping = start - start.mean(axis=0), 1e-3
-        state = _linearized(patches, pixels, vectors, shifts, scale)
+        state = _linearized(_at(patches, pixels, vectors, shifts, scale))
         scale = state.scale
         for _ in range(steps):
             change = _step(state, damping)
-            new = _linearized(patches, pixels, vectors, shifts + change, scale)
+            new = _at(patches, pixels, vectors, shifts + change, scale)
             if new.cost <= state.cost:
-                shifts, state, damping = shifts + change, new, max(damping / 5, 1e-6)
+                shifts, state, damping = shifts + change, _linearized(new), max(damping / 5, 1e-6)
                 if np.abs(change).max() < _SETTLED_PX:
                     break
             else:
@@ -144,13 +145,13 @@ class FirstLook(NamedTuple):
 
 def first_look(patches: Patches) -> FirstLook:
     """Return what a single step from no shifts gives, or half of it if that is better."""
-    pixels = _strongest(patches, _FIRST_SAMPLES // len(patches.values))
-    vectors, still = patches.vectors(pixels), np.zeros((len(patches.values), 2))
-    state = _linearized(patches, pixels, vectors, still, None)
+    still = np.zeros((len(patches.values), 2))
+    filtered = _filtered(patches, still)
+    pixels = _strongest(patches, filtered[1], _FIRST_SAMPLES // len(patches.values))
+    vectors = patches.vectors(pixels)
+    state = _linearized(_at(patches, pixels, vectors, still, None, filtered))
     step = _step(state, 0.0)
-    costs = [
-        _linearized(patches, pixels, vectors, share * step, state.scale).cost for share in (1, 0.5)
-    ]
+    costs = [_at(patches, pixels, vectors, share * step, state.scale).cost for share in (1, 0.5)]
     return FirstLook(step, 1 - min(costs) / max(state.cost, 1e-300))
 
 
@@ -201,9 +202,8 @@ def _slopes(fine: Float32) -> tuple[Float32, Float32]:
     return right, down
 
 
-def _strongest(patches: Patches, most: int) -> Intp:
-    """Return the flat indices of the pixels with most structure."""
-    _, fine = _filtered(patches, np.zeros((len(patches.values), 2)))
+def _strongest(patches: Patches, fine: Float32, most: int) -> Intp:
+    """Return the flat indices of the pixels with most fine structure."""
     energy = np.zeros(patches.inside.shape)
     for image in fine:
         right, down = _slopes(image)
@@ -213,29 +213,48 @@ def _strongest(patches: Patches, most: int) -> Intp:
     return np.sort(np.argpartition(energy.ravel(), -count)[-count:])
 
 
-def _linearized(
-    patches: Patches, pixels: Intp, vectors: Float64, shifts: Float64, scale: Float64 | None
-) -> _State:
-    """Return the normal equations at some shifts.
+def _at(
+    patches: Patches,
+    pixels: Intp,
+    vectors: Float64,
+    shifts: Float64,
+    scale: Float64 | None,
+    filtered: tuple[Float32, Float32] | None = None,
+) -> _Aligned:
+    """Return the images moved back by some shifts, and the surface that fits them.
 
     ``scale`` ``(P, 1)`` are the standard deviations of the residuals of the pixels; computed if it
-    is None.
+    is None. ``filtered`` is what `_filtered` returns for the shifts.
     """
-    moved, fine = _filtered(patches, shifts)
+    moved, fine = filtered or _filtered(patches, shifts)
     count = len(moved)
     seen = fine.reshape(count, -1)[:, pixels].T.astype(np.float64)
     usable = _lit(moved, patches.beside_shadows).reshape(count, -1)[:, pixels].T
     if np.count_nonzero(usable.sum(axis=1) > _FEWEST_LIT) < _FEWEST_PIXELS:
         raise EstimateError("too few pixels of the object are lit by enough lights to align images")
+    surface = _surface(vectors, seen, usable, scale)
+    ratio = surface.residuals / (_TUNING * surface.scale)
+    # A missing sample counts as a usual residual: shifts out of the image gain nothing.
+    ratio = np.where(usable, ratio, 1 / _TUNING)
+    cost = float((_TUNING**2 / 2 * np.log1p(ratio**2)).sum())
+    offsets = np.concatenate([shifts, np.zeros((count, 1))], axis=1).reshape(-1)
+    pulled = _priors(count, patches.size) * offsets
+    cost += float((pulled * offsets).sum()) / 2
+    return _Aligned(patches, pixels, moved, fine, seen, usable, surface, pulled, cost)
+
+
+def _linearized(aligned: _Aligned) -> _State:
+    """Return the normal equations at the shifts of images."""
+    patches, pixels, moved, fine, seen, usable, surface, pulled, cost = aligned
+    count, vectors, weights, residuals = len(moved), *surface[:3]
     slopes = [one.reshape(count, -1)[:, pixels].T.astype(np.float64) for one in _slopes(fine)]
-    solved, residuals, weights, scale = _surface(vectors, seen, usable, scale)
     across, along, itself = (
-        (vectors @ solved(values)[..., None])[..., 0] for values in (*slopes, seen)
+        (vectors @ surface.solved(values)[..., None])[..., 0] for values in (*slopes, seen)
     )
     # Of the aligned samples by shifts of their image and by its strength.
     columns = np.stack([-across, -along, itself], axis=2)
     weighted = weights[..., None] * vectors
-    factor = np.linalg.cholesky(_inverse(weighted, vectors))
+    factor = np.linalg.cholesky(surface.inverse)
     # What the surface follows, (P, 3, 3 N).
     size = 3 * count
     followed = (columns[..., None] * weighted[:, :, None, :]).reshape(len(pixels), size, 3) @ factor
@@ -248,31 +267,46 @@ def _linearized(
     tiles = _tiles(pixels, patches.inside.shape)
     of_tiles = np.zeros((int(tiles.max()) + 1, size))
     np.add.at(of_tiles, tiles, scores)
-    ratio = residuals / (_TUNING * scale)
-    # A missing sample counts as a usual residual: shifts out of the image gain nothing.
-    ratio = np.where(usable, ratio, 1 / _TUNING)
-    cost = float((_TUNING**2 / 2 * np.log1p(ratio**2)).sum())
-    prior = _priors(count, patches.size)
-    offsets = np.concatenate([shifts, np.zeros((count, 1))], axis=1).reshape(-1)
-    cost += float((prior * offsets**2).sum()) / 2
-    gradient = scores.sum(axis=0) - prior * offsets
+    gradient = scores.sum(axis=0) - pulled
     left = np.median(np.abs(residuals[usable])) / max(float(np.median(np.abs(seen[usable]))), 1e-12)
     explained = 1 - float(left)
     light = moved.reshape(count, -1)[:, pixels].T[usable]
     contrast = float(np.median(np.abs(seen[usable])) / max(float(np.median(light)), 1e-12))
-    return _State(
-        pixels, hessian + np.diag(prior), gradient, of_tiles, scale, cost, explained, contrast
-    )
+    hessian += np.diag(_priors(count, patches.size))
+    return _State(pixels, hessian, gradient, of_tiles, surface.scale, cost, explained, contrast)
 
 
-def _surface(
-    vectors: Float64, seen: Float64, usable: Bool, scale: Float64 | None
-) -> tuple[Callable[[Float64], Float64], Float64, Float64, Float64]:
-    """Fit scaled normals robustly.
+class _Surface(NamedTuple):
+    """A robust fit of scaled normals: weights are reciprocal variances, the inverse covariances."""
 
-    Returns a function that fits other values with the same weights, the residuals, the weights (the
-    reciprocal variances) and the standard deviations of the residuals.
-    """
+    vectors: Float64
+    weights: Float64
+    residuals: Float64
+    scale: Float64
+    inverse: Float64
+
+    def solved(self, values: Float64) -> Float64:
+        """Return the fit of other values with the same weights."""
+        weighted = self.weights[..., None] * self.vectors
+        right = weighted.transpose(0, 2, 1) @ values[..., None]
+        return np.asarray((self.inverse @ right)[..., 0])
+
+
+class _Aligned(NamedTuple):
+    """Images moved back by shifts, as samples ``(P, N)`` of pixels, and the surface they show."""
+
+    patches: Patches
+    pixels: Intp
+    moved: Float32
+    fine: Float32
+    seen: Float64
+    usable: Bool
+    surface: _Surface
+    pulled: Float64
+    cost: float
+
+
+def _surface(vectors: Float64, seen: Float64, usable: Bool, scale: Float64 | None) -> _Surface:
     weights = usable.astype(np.float64)
     for _ in range(3):
         weighted = weights[..., None] * vectors
@@ -286,13 +320,8 @@ def _surface(
         else:
             found = scale
         weights = usable / (1 + (residuals / (_TUNING * found)) ** 2) / found**2
-
-    def solved(values: Float64) -> Float64:
-        weighted = weights[..., None] * vectors
-        return np.asarray((inverse @ (weighted.transpose(0, 2, 1) @ values[..., None]))[..., 0])
-
     inverse = _inverse(weights[..., None] * vectors, vectors)
-    return solved, residuals, weights, found
+    return _Surface(vectors, weights, residuals, found, inverse)
 
 
 def _inverse(weighted: Float64, vectors: Float64) -> Float64:

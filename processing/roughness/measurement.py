@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -26,6 +27,9 @@ from rig.arrays import Bool, Float64, Floating
 _MOST_NOISE = 0.5
 # Texture of which the aspect ratio is larger has no direction.
 _LEAST_STRIPED = 0.5
+# Side, in pixels, of the part of a large area that shows its uncertainty. A longer L-filter is left
+# out of it.
+_SAMPLE_PX = 768
 # Narrowest flank of a step that normals resolve.
 _LEAST_FLANK_PX = 5.0
 
@@ -99,15 +103,65 @@ def measure_area(
     )
     heights, within = heights_mm[window], inside[window]
 
-    def evaluate(values: Floating, seen: Resolution, other: bool) -> dict[str, float]:
-        limited = scale_limited(values, within, chosen, seen, other_fit=other)
-        return areal_parameters(limited, seen.pixel_mm)
-
     cropped = None if errors is None else errors.cropped(window)
-    found = quantities(evaluate, heights, resolution, cropped, AREAL, on_progress=on_progress)
+
+    def evaluated(part: Bool, scales: Scales) -> Evaluate:
+        def evaluate(values: Floating, seen: Resolution, other: bool) -> dict[str, float]:
+            limited = scale_limited(values, part, scales, seen, other_fit=other)
+            return areal_parameters(limited, seen.pixel_mm)
+
+        return evaluate
+
+    sample = None if cropped is None else _sample(within)
+    if sample is None or cropped is None:
+        found = quantities(
+            evaluated(within, chosen), heights, resolution, cropped, AREAL, on_progress=on_progress
+        )
+    else:
+        part = within[sample]
+        long = (chosen.l_mm or 0) / pixel > _SAMPLE_PX / 2
+        scales_of_part = replace(chosen, l_mm=0.0) if long else chosen
+        of_part = quantities(
+            evaluated(part, scales_of_part),
+            heights[sample],
+            resolution,
+            cropped.cropped(sample),
+            AREAL,
+            on_progress=on_progress,
+        )
+        whole = evaluated(within, chosen)(heights, resolution, False)
+        found = {name: _extended(one, whole[name]) for name, one in of_part.items()}
     limited = np.full(heights_mm.shape, np.nan, heights_mm.dtype)
     limited[window] = scale_limited(heights, within, chosen, resolution)
     return Area({name: _doubted(one) for name, one in found.items()}, chosen, limited, resolution)
+
+
+def _sample(area: Bool) -> tuple[slice, slice] | None:
+    """Return the window of a large area that shows its uncertainty; None for a small area."""
+    if np.count_nonzero(area) <= 2 * _SAMPLE_PX**2:
+        return None
+    steps = [range(0, max(size - _SAMPLE_PX, 0) + 1, _SAMPLE_PX // 2) for size in area.shape]
+    windows = [
+        (slice(row, row + _SAMPLE_PX), slice(column, column + _SAMPLE_PX))
+        for row, column in product(*steps)
+    ]
+    return max(windows, key=lambda window: np.count_nonzero(area[window]))
+
+
+def _extended(quantity: Quantity, whole: float) -> Quantity:
+    """Return a quantity of a complete area from that of a part of it.
+
+    Noise adds the same share to heights and slopes of both; the deviation of the part is an upper
+    limit of that of the whole, whose noise averages over more pixels.
+    """
+    relative = AREAL[quantity.name].kind in ("height", "slope") or quantity.name == "Sdr"
+    if not math.isfinite(whole) or not quantity.budget:
+        return replace(quantity, measured=whole, result=whole)
+    if relative and quantity.measured:
+        factor = whole / quantity.measured
+        budget = {source: factor * part for source, part in quantity.budget.items()}
+        return replace(quantity, measured=whole, result=factor * quantity.result, budget=budget)
+    return replace(quantity, measured=whole, result=quantity.result + (whole - quantity.measured))
 
 
 @dataclass(frozen=True, eq=False)

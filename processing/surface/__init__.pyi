@@ -18,3 +18,7 @@ from .profile import HeightProfile as HeightProfile
 from .profile import height_profile as height_profile
 from .residual import normal_residual as normal_residual
 from .scale import surface_scale as surface_scale
+from .x3p_file import X3pOrigin as X3pOrigin
+from .x3p_file import X3pSurface as X3pSurface
+from .x3p_file import read_x3p as read_x3p
+from .x3p_file import write_x3p as write_x3p

@@ -4,5 +4,6 @@ from .board_page import write_board_page as write_board_page
 from .board_views import FoundViews as FoundViews
 from .board_views import find_views as find_views
 from .board_views import mean_image as mean_image
+from .light_series import check_series as check_series
 from .sphere_marks import Marks as Marks
 from .sphere_marks import marks_of as marks_of

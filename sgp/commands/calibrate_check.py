@@ -1,9 +1,10 @@
-"""``sgp calibrate check``: two calibrations, or a calibration and the rig file, compared."""
+"""``sgp calibrate check``: calibrations of the same lights, or one and the rig file, compared."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 
@@ -13,7 +14,7 @@ import rig as rigs
 from rig.arrays import Bool
 from sgp.cli.exit import UsageError
 from sgp.cli.options import Input, OptionalInput, Positive, RigOption
-from sgp.results import CheckMetrics, LightDifferenceMetrics, Result
+from sgp.results import CheckMetrics, LightDifferenceMetrics, Result, writes_folder
 from sgp.rigs import rig_with_positions
 
 _SHOWN = 12
@@ -23,27 +24,35 @@ _NO_FACTOR = 5e-5
 _CONTRADICTION = "lights-changed"
 
 
+@writes_folder("check.json")
 def check(
     a: Input,
     b: OptionalInput = None,
-    *,
+    *more: Input,
     rig: RigOption = None,
     limit_deg: Positive | None = None,
     limit_mm: Positive | None = None,
     limit_percent: Positive | None = None,
+    out: Path | None = None,
+    force: bool = False,
 ) -> Result:
-    """Compare a calibration of the lights with another one, or with a rig file.
+    """Compare a calibration of the lights with other ones, or with a rig file.
 
     Reports the differences of each light, the worst first; a rotation or a shift that all lights
     have in common, as after a move of the camera; and lights at the places of others, as after
     swapping wires. The exit code is 4 if a difference is beyond a limit, if the order or the sides
     of the lights differ, or if a light contradicts the rig file.
 
+    Three or more calibrations are a series, in the order of their dates. Their scatter gives
+    control limits for the direction and the strength of each light, and for what all lights have in
+    common; the exit code is 4 if a value is beyond them.
+
     For example:
 
         sgp calibrate check before.json after.json
         sgp calibrate check old.json new.json --limit-mm 3 --limit-percent 2
         sgp calibrate check lights.json --rig bench.toml
+        sgp calibrate check march.json april.json may.json june.json --out drift
 
     Parameters
     ----------
@@ -51,17 +60,35 @@ def check(
         Lights file: the reference, or with --rig the lights to check.
     b
         Lights file to compare with it.
+    more
+        More lights files of a series.
     rig
         Rig file (.toml) whose led_positions_mm the lights must match, instead of a second file.
         These positions are assumed to be accurate to 10 mm, as with a tape measure.
     limit_deg
-        Largest allowed angle between the directions from the origin, in degrees.
+        Largest allowed angle between the directions from the origin, in degrees. In a series,
+        deviations up to it are allowed, also beyond control limits.
     limit_mm
         Largest allowed distance between positions, in mm.
     limit_percent
         Largest allowed difference of intensities, in percent. Intensities are relative: a common
-        factor of all lights is removed first.
+        factor of all lights is removed first. In a series as --limit-deg.
+    out
+        Folder for drift.png (charts), drift.csv (values and limits) and check.json of a series.
+    force
+        Write into an output folder that already contains files.
     """
+    if b is not None and more:
+        if rig is not None:
+            raise UsageError("--rig is for one calibration: give it without the other files")
+        if limit_mm is not None:
+            raise UsageError("--limit-mm is for two calibrations: give --limit-deg for a series")
+        # Late, because a comparison of two draws nothing.
+        from sgp.calibrate import check_series
+
+        return check_series([a, b, *more], limit_deg, limit_percent, out)
+    if out is not None:
+        raise UsageError("--out is for a series: give three lights files or more")
     if (b is None) == (rig is None):
         raise UsageError("compare with one thing: give a second lights file, or --rig")
     if rig is not None and limit_percent is not None:

@@ -2,6 +2,7 @@ from .camera import coverage_panel as coverage_panel
 from .camera import reprojection_panel as reprojection_panel
 from .camera import views_panel as views_panel
 from .crop import Crop as Crop
+from .drift import drift_panels as drift_panels
 from .flat import histogram_panel as histogram_panel
 from .flat import pixel_panel as pixel_panel
 from .flat import smooth_panel as smooth_panel

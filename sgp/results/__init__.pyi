@@ -14,6 +14,8 @@ from .metrics import CheckMetrics as CheckMetrics
 from .metrics import CombineMetrics as CombineMetrics
 from .metrics import CompareMetrics as CompareMetrics
 from .metrics import DemoMetrics as DemoMetrics
+from .metrics import DriftLightMetrics as DriftLightMetrics
+from .metrics import DriftMetrics as DriftMetrics
 from .metrics import ErrorMetrics as ErrorMetrics
 from .metrics import ExportMetrics as ExportMetrics
 from .metrics import FieldMetrics as FieldMetrics
@@ -47,6 +49,7 @@ from .metrics import TrainMetrics as TrainMetrics
 from .metrics import TransferMetrics as TransferMetrics
 from .metrics import TruthMetrics as TruthMetrics
 from .metrics import VerifyMetrics as VerifyMetrics
+from .metrics import X3pMetrics as X3pMetrics
 from .metrics import figures_of as figures_of
 from .output import check_file as check_file
 from .output import check_folder as check_folder

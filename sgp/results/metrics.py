@@ -460,6 +460,84 @@ class CheckMetrics(TypedDict):
     differences: list[LightDifferenceMetrics]
 
 
+class DriftCalibrationMetrics(TypedDict):
+    """Figures of a calibration in a series.
+
+    Parameters
+    ----------
+    name
+        its file
+    time_utc
+        its date; null unless all calibrations state one
+    common_deg : deg
+        what the motion that all lights have in common turns them by; null with fewer than 5 lights
+    common_ratio : 1
+        this motion in units of its limit; null with fewer than 5 lights
+    """
+
+    name: str
+    time_utc: str | None
+    common_deg: float | None
+    common_ratio: float | None
+
+
+class DriftLightMetrics(TypedDict):
+    """Figures of a light in a series of calibrations.
+
+    Parameters
+    ----------
+    id
+        name of the light
+    direction_deg : deg
+        largest deviation of its direction from the middle of the series
+    direction_ratio : 1
+        largest deviation of its direction in units of the limit
+    strength_percent : %
+        largest deviation of its strength; null if fewer than 3 calibrations have intensities
+    strength_ratio : 1
+        largest deviation of its strength in units of the limit; null as before
+    beyond
+        whether one of them is beyond a limit
+    """
+
+    id: str
+    direction_deg: float
+    direction_ratio: float
+    strength_percent: float | None
+    strength_ratio: float | None
+    beyond: bool
+
+
+class DriftMetrics(TypedDict):
+    """Figures of a comparison of three or more calibrations.
+
+    Parameters
+    ----------
+    lights
+        lights that were compared
+    beyond
+        lights beyond a limit
+    moved
+        whether a motion that all lights have in common is beyond its limit
+    false_alarm : 1
+        probability that a stable series has any value beyond a limit
+    common_limit_deg : deg
+        turn of all lights that reaches the limit; null with fewer than 5 lights
+    calibrations
+        each calibration in the order of time
+    drifts
+        each light, the worst first
+    """
+
+    lights: int
+    beyond: int
+    moved: bool
+    false_alarm: float
+    common_limit_deg: float | None
+    calibrations: list[DriftCalibrationMetrics]
+    drifts: list[DriftLightMetrics]
+
+
 class CombineMetrics(TypedDict):
     """Figures of a combination of shape and detail.
 
@@ -825,6 +903,27 @@ class RtiMetrics(TypedDict):
     ptm_rms: NotRequired[float]
     ptm_largest: NotRequired[float]
     planes_rms: float
+
+
+class X3pMetrics(TypedDict):
+    """Figures of a surface that was exported for programs for surface texture.
+
+    Parameters
+    ----------
+    points
+        points with a height
+    pixel_mm : mm
+        distance between neighbouring points
+    height_range_mm : mm
+        difference between the highest and the lowest point
+    width_error_percent : %
+        of a perspective surface: error of widths at the height that is furthest from 0
+    """
+
+    points: int
+    pixel_mm: float
+    height_range_mm: float
+    width_error_percent: NotRequired[float]
 
 
 class RelightMetrics(TypedDict):
@@ -1412,13 +1511,13 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp compare": (CompareMetrics, RegisteredMetrics),
     "sgp merge": (MergeMetrics,),
     "sgp roughness": (RoughnessMetrics,),
-    "sgp export": (RtiMetrics,),
+    "sgp export": (RtiMetrics, X3pMetrics),
     "sgp relight": (RelightMetrics,),
     "sgp capture export": (ExportMetrics,),
     "sgp calibrate spheres": (SpheresMetrics,),
     "sgp calibrate intensities": (IntensitiesMetrics,),
     "sgp calibrate flat": (FlatMetrics,),
-    "sgp calibrate check": (CheckMetrics,),
+    "sgp calibrate check": (CheckMetrics, DriftMetrics),
     "sgp calibrate sensor": (SensorMetrics,),
     "sgp calibrate board": (BoardMetrics,),
     "sgp calibrate camera": (CameraMetrics,),

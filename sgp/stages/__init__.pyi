@@ -43,6 +43,8 @@ from .spheres import given_radii as given_radii
 from .spheres import undivided_images as undivided_images
 from .spheres import write_calibration as write_calibration
 from .stored_normals import normals_within as normals_within
+from .surface_export import read_heights as read_heights
+from .surface_export import write_surface_x3p as write_surface_x3p
 from .surface_maps import SurfaceInputs as SurfaceInputs
 from .surface_maps import SurfaceWay as SurfaceWay
 from .surface_maps import integrated as integrated

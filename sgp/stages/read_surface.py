@@ -14,11 +14,10 @@ import rig
 from processing.roughness import ErrorModel, NormalErrors, Resolution
 from rig.arrays import Float32, Int32
 from sgp.cli.exit import UsageError
-from sgp.results import ResultRecord, input_hashes, read_record
-from sgp.stages.result_source import NormalsResult, find_normals
+from sgp.results import ResultRecord, input_hashes
+from sgp.stages.result_source import SURFACE_RECORD, NormalsResult, find_normals, find_surface
 from sgp.stages.sigma_map import read_sigma
 
-_RECORD = "surface.json"
 # Blur of a usual lens in focus with the aperture of a pixel, in pixels, and relative standard
 # deviations of it, and of the blur that normals show.
 _USUAL_BLUR_PX, _USUAL_SPREAD, _SHOWN_SPREAD = 0.76, 0.25, 0.15
@@ -76,13 +75,7 @@ def read_surface(path: Path, *, scale_sigma: float, max_pixels: int) -> SurfaceI
     DataError
         If its heights are in pixels, or a file is missing or cannot be read.
     """
-    folder = next((one for one in (path / "surface", path) if (one / _RECORD).is_file()), None)
-    if folder is None:
-        raise UsageError(
-            f"{path}: has neither {_RECORD} nor surface/{_RECORD}: give a folder that sgp run or "
-            "sgp surface has written"
-        )
-    record = read_record(folder / _RECORD)
+    folder, record = find_surface(path)
     metrics = record.metrics
     size = metrics.get("pixel_size")
     if metrics.get("unit") != "mm" or not isinstance(size, (int, float)):
@@ -92,7 +85,7 @@ def read_surface(path: Path, *, scale_sigma: float, max_pixels: int) -> SurfaceI
         )
     height_file = folder / "height.exr"
     heights = acquisition.read_image(height_file, max_pixels=max_pixels).astype(np.float32)
-    files = [folder / _RECORD, height_file]
+    files = [folder / SURFACE_RECORD, height_file]
     distance = metrics.get("camera_distance")
     pixel = float(size)
     if isinstance(distance, (int, float)):

@@ -15,6 +15,7 @@ from sgp.results import CALIBRATIONS, ResultRecord, read_record, sha256
 from sgp.stages.recording import Recording, open_recording, with_scale
 
 _RECORD = "normals.json"
+SURFACE_RECORD = "surface.json"
 _LIGHTS = "lights.json"
 # Options whose values are lists in a record.
 _LISTS = ("exclude", "crop")
@@ -67,6 +68,25 @@ def find_normals(path: Path) -> NormalsResult:
     raise UsageError(
         f"{path}: has neither {_RECORD} nor normals/{_RECORD}: give a folder that sgp run or sgp "
         "normals has written"
+    )
+
+
+def find_surface(path: Path) -> tuple[Path, ResultRecord]:
+    """Return the folder and the record of a surface of ``sgp run``, ``sgp demo``, ``sgp surface``.
+
+    Raises
+    ------
+    UsageError
+        If the folder has no record of a surface.
+    DataError
+        If the record cannot be read.
+    """
+    for folder in (path / "surface", path):
+        if (folder / SURFACE_RECORD).is_file():
+            return folder, read_record(folder / SURFACE_RECORD)
+    raise UsageError(
+        f"{path}: has neither {SURFACE_RECORD} nor surface/{SURFACE_RECORD}: give a folder that "
+        "sgp run or sgp surface has written"
     )
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from acquisition import (
@@ -191,7 +191,6 @@ def test_the_old_file_stays_if_the_new_one_is_damaged(tmp_path: Path) -> None:
     assert (folder / "frames" / "L00_E0.tif").read_bytes() == old
 
 
-@settings(deadline=None)
 @given(
     st.tuples(st.integers(1, 150), st.integers(1, 40), st.sampled_from([1, 3])),
     st.sampled_from([1, 255, 4095, 65535]),

@@ -10,7 +10,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 from scipy.io import loadmat
@@ -195,7 +195,6 @@ def test_a_png_has_its_caption_and_gamma_1(tmp_path: Path) -> None:
     assert tree.findtext(".//{http://ns.adobe.com/exif/1.0/}ExposureTime") == "1000000/1000000000"
 
 
-@settings(deadline=None)
 @given(st.text(), st.text(), st.none() | st.floats(0.001, 1e9))
 def test_any_text_fits_into_a_caption(
     tmp_path_factory: pytest.TempPathFactory, title: str, notes: str, exposure_us: float | None

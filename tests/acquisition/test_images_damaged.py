@@ -61,9 +61,7 @@ def test_a_truncated_targa_file_is_refused(tmp_path: Path, rle: bool) -> None:
             read_image(path)
 
 
-@settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(bit=st.integers(0, 8 * len(png(BIG, 16, 2)) - 1))
 def test_any_flipped_bit_of_a_png_is_detected(tmp_path: Path, bit: int) -> None:
     data = bytearray(png(BIG, 16, 2))

@@ -37,9 +37,7 @@ def test_tiff_holds_the_unchanged_samples(
     np.testing.assert_array_equal(read_image(path), pixels)
 
 
-@settings(
-    max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     pixels=hnp.arrays(
         np.float32,

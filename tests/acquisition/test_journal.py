@@ -90,7 +90,7 @@ def test_every_cut_leaves_the_intact_lines_and_is_not_damage() -> None:
         assert bool(found.torn) == (length > 0 and not at_newline and GOOD[length - 1] != 10)
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 @given(st.integers(0, 8 * len(GOOD) - 1))
 def test_every_flipped_bit_is_damage_and_earlier_lines_are_kept(bit: int) -> None:
     data = bytearray(GOOD)
@@ -262,13 +262,13 @@ def test_leds_that_are_left_out(name: str, details: dict[str, Any], leds: set[in
     assert line.left_out == leds
 
 
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 @given(st.binary(max_size=200))
 def test_any_bytes_are_parsed_without_an_error(data: bytes) -> None:
     assert parse_journal(data).lines == ()
 
 
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=50)
 @given(
     st.recursive(
         st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(),

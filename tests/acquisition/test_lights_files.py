@@ -69,9 +69,7 @@ def test_golden_lights_json(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_lights(path).directions, [[0.6, 0, 0.8]])
 
 
-@settings(
-    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data(), near=st.booleans())
 def test_lights_json_keeps_every_digit(tmp_path: Path, data: st.DataObject, near: bool) -> None:
     count = data.draw(st.integers(1, 5))

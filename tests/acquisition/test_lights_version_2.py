@@ -144,9 +144,7 @@ def test_golden(tmp_path: Path, lights: Lights, golden: str, provenance: dict[st
     assert path.read_text() == golden
 
 
-@settings(
-    max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 4), near=st.booleans())
 def test_every_digit_is_kept(tmp_path: Path, seed: int, count: int, near: bool) -> None:
     rng = np.random.default_rng(seed)

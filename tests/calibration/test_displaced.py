@@ -71,7 +71,7 @@ def test_the_image_that_moved_is_named_with_its_shift(seed, change, alone):
 
 @pytest.mark.slow
 @given(seed=st.integers(9300, 9399))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_images_that_did_not_move_are_not_named(seed):
     values, circle, _ = uneven_ball(seed)
     assert displaced(values, ellipse(circle)) == {}

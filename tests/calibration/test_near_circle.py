@@ -38,11 +38,11 @@ def test_an_uneven_outline_states_its_error_or_is_refused(seed):
 
 @pytest.mark.slow
 def test_errors_of_uneven_outlines_are_stated():
-    """Of 40 circles that are off by 1 to 12 px, at least 95 %; other seeds than the development."""
-    results = [outcome(seed) for seed in range(300, 340)]
+    """Of 20 circles that are off by 1 to 12 px, at least 95 %; other seeds than the development."""
+    results = [outcome(seed) for seed in range(300, 320)]
     good = [result is None or result[0] <= 3 * result[1] for result in results]
     assert np.mean(good) >= 0.95
-    assert sum(result is not None for result in results) >= 14
+    assert sum(result is not None for result in results) >= 7
 
 
 def rings(*radii, half=False):

@@ -16,7 +16,7 @@ def on_ellipse(cx, cy, a, b, degrees, t):
     return np.column_stack([cx + c * x - s * y, cy + s * x + c * y])
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     st.floats(-50, 2000),
     st.floats(-50, 2000),

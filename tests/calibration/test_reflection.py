@@ -9,7 +9,7 @@ from calibration.spheres.geometry.reflection import mirror_points, reflected_ray
 unit = st.floats(-0.6, 0.6)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(unit, unit, st.floats(0.7, 1.4), st.floats(20, 300))
 def test_orthographic_mirror_law_on_square_and_oblong_pixels(x, y, ratio, radius):
     """The normal bisects the angle between the viewing direction and the light."""
@@ -34,7 +34,7 @@ def test_highlight_outside_is_nan():
     assert np.isnan(orthographic_directions(Ellipse.circle(0.0, 0.0, 5.0), (6.0, 0.0))).all()
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.floats(-150, 150), st.floats(-150, 150), st.floats(5, 40), st.integers(0, 35))
 def test_mirror_point_equals_an_independent_root(bench, dome_mm, x, y, radius, index):
     centre, light = np.array([x, y, radius]), dome_mm[index]

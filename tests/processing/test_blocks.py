@@ -150,7 +150,7 @@ def test_jumps_cross_the_borders_of_blocks(tmp_path):
     assert np.count_nonzero(theirs & near) > 0.95 * np.count_nonzero(theirs)
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(st.integers(0, 10**6), st.floats(0.7, 0.98), st.sampled_from([32, 40, 64]))
 def test_any_mask_has_the_surface_of_the_whole(tmp_path_factory, seed, share, rows):
     random = np.random.default_rng(seed)

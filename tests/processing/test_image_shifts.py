@@ -21,7 +21,7 @@ from rig.arrays import Bool, Float32, Float64
 from tests.cases import cases
 
 COUNT = 8
-SIDE = 150
+SIDE = 124
 
 
 def ring(count: int = COUNT, height: float = 1.3) -> Float64:

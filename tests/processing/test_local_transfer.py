@@ -68,7 +68,7 @@ def test_shrinking_blurs_like_wider_pixels(shrink: int, wavelength_px: float) ->
     assert slope_after == pytest.approx(expected, abs=0.01 * slope)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     st.floats(-360, 360),
     st.floats(0.4, 3),
@@ -131,7 +131,7 @@ def test_the_membrane_solves_its_equation_and_keeps_the_seam(reach: float) -> No
         np.testing.assert_allclose(pull, u[r, c] / reach**2, atol=1e-4)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.floats(0.1, 30), st.floats(0, 1))
 def test_blending_keeps_unit_length_for_any_details(seed: int, reach: float, full: float) -> None:
     rng = np.random.default_rng(seed)

@@ -85,7 +85,7 @@ def test_the_area_is_the_spheres(tmp_path: Path, suffix: str) -> None:
     assert outward.min() > 0
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(0, 2**32 - 1), st.integers(2, 9), st.integers(2, 9), st.floats(0.5, 1))
 def test_faces_fill_the_mask_and_nothing_else(
     seed: int, rows: int, columns: int, full: float

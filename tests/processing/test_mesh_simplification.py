@@ -137,7 +137,7 @@ def test_a_solid_is_watertight_and_has_its_volume(distance: float | str | None) 
     st.lists(st.booleans(), min_size=49, max_size=49),
     st.booleans(),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_any_mask_gives_a_watertight_solid(
     rows: int, columns: int, inside: list[bool], fewer: bool
 ) -> None:

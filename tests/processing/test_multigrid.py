@@ -45,7 +45,7 @@ def matrix(right: Float32, down: Float32) -> sparse.csr_array:
     return sparse.csr_array(adjacency + adjacency.T)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     st.integers(0, 2**32 - 1),
     st.integers(1, 25),
@@ -263,7 +263,7 @@ def test_a_solver_without_convergence_reports_it() -> None:
     assert solution.relative_residual > 1e-6
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     st.integers(0, 2**32 - 1),
     st.integers(2, 25),

@@ -204,7 +204,7 @@ def test_the_standard_deviation_is_that_of_the_heights(kind):
     lights = dome()
     depth, normals = SURFACES[kind](12.0)
     scores = []
-    for seed in range(16):
+    for seed in range(8):
         values = images(depth, normals, lights, noise=0.005, seed=100 + seed)
         found = near_height(values, lights, DISC, VIEW)
         scores.append((found.mean_height_mm - 12.0) / found.mean_height_sigma_mm)
@@ -218,7 +218,7 @@ def test_the_standard_deviation_contains_errors_of_single_lights(intensity, posi
     lights = dome()
     depth, normals = SURFACES["cap"](12.0)
     scores = []
-    for seed in range(16):
+    for seed in range(8):
         rng = np.random.default_rng(200 + seed)
         values = images(depth, normals, lights, noise=0.002, seed=seed)
         values *= (1 + intensity * rng.normal(size=(16, 1, 1))).astype(np.float32)

@@ -66,7 +66,7 @@ def test_from_vectors_leaves_out_vectors_without_direction():
         np.float64, (3, 4, 3), elements=st.floats(-1e6, 1e6, allow_subnormal=False, width=64)
     )
 )
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_from_vectors_keeps_directions(vectors):
     vectors[np.abs(vectors) < 1e-100] = 0
     if not vectors.any():

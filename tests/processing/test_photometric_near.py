@@ -80,7 +80,7 @@ def test_every_pixel_is_solved_under_its_own_lights(method, pixels):
 
 
 @given(seed=st.integers(0, 10_000))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_light_vectors_are_those_of_the_lights(seed):
     rng = np.random.default_rng(seed)
     positions = _ring(6, radius_mm=250)[1::2] + rng.normal(size=(3, 3)) * 20

@@ -148,7 +148,7 @@ def _turn(seed):
 
 @every_method
 @given(seed=st.integers(0, 10_000), scale=st.floats(1e-3, 1e3))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_normals_rotate_with_the_scene_and_ignore_brightness(method, seed, scale):
     rng = np.random.default_rng(seed)
     directions = rng.normal(size=(10, 3))

@@ -41,7 +41,7 @@ def _screen(pixels):
 
 
 @pytest.mark.slow
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     st.lists(st.tuples(st.integers(0, 80), st.integers(0, 160)), max_size=30),
     st.sampled_from([2, 1, 4, 3.7]),

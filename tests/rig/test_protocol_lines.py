@@ -129,7 +129,7 @@ def test_invalid_commands_are_not_encoded(command):
 
 
 @given(command=commands, reply=replies)
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_lines_round_trip(command, reply):
     assert decode_command(encode_command(command).rstrip(b"\n")) == command
     assert decode_reply(encode_reply(reply).rstrip(b"\n")) == reply
@@ -146,7 +146,7 @@ def test_no_single_flipped_bit_passes(line):
 
 
 @given(command=commands, data=st.data())
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_up_to_three_flipped_bits_under_the_checksum_never_pass(command, data):
     # The CRC's Hamming distance is 4 at these lengths.
     line = bytearray(encode_command(command).rstrip(b"\n"))
@@ -158,7 +158,7 @@ def test_up_to_three_flipped_bits_under_the_checksum_never_pass(command, data):
 
 
 @given(st.binary(max_size=100))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 def test_random_bytes_raise_only_line_errors(data):
     for decode in (decode_command, decode_reply):
         with pytest.raises(LineError):
@@ -166,7 +166,7 @@ def test_random_bytes_raise_only_line_errors(data):
 
 
 @given(lines=st.lists(commands.map(encode_command), max_size=6), data=st.data())
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_lines_are_assembled_from_any_pieces(lines, data):
     stream = b"\r\n".join(line.rstrip() for line in lines) + b"\n"
     cuts = data.draw(st.lists(st.integers(0, len(stream)), max_size=8).map(sorted))

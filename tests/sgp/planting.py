@@ -1,13 +1,13 @@
 """A program that runs commands and plants links at every name just before it is written.
 
-planting.py ROOT VICTIMS KIND COMMANDS   (JSON: a list of command lines)
+planting.py ROOT VICTIMS KINDS COMMANDS   (JSON: a list of command lines)
 
 Python reports every file that it is about to open, and every rename, to an audit hook. Just before
-a name below ROOT is written for the first time, the hook creates something there: KIND is ``link``
-(a link to a separate victim), ``dangling`` (a link to a file that must not be created), ``hard``
-(another name of a victim) or ``pipe``. The program prints one JSON object: exit codes, planted
-names, opens for writing that would have followed a link, and files that appeared without a rename
-or open that the hook saw, for example files written by a C library.
+a name below ROOT is written for the first time, the hook creates something there, of the KINDS in
+turn: ``link`` (a link to a separate victim), ``dangling`` (a link to a file that must not be
+created), ``hard`` (another name of a victim) or ``pipe``. The program prints one JSON object: exit
+codes, planted names, opens for writing that would have followed a link, and files that appeared
+without a rename or open that the hook saw, for example files written by a C library.
 """
 
 import contextlib
@@ -18,7 +18,7 @@ import sys
 import threading
 from pathlib import Path
 
-ROOT, VICTIMS, KIND = Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3]
+ROOT, VICTIMS, KINDS = Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3].split()
 COMMANDS = json.loads(sys.argv[4])
 
 planted: list[str] = []
@@ -31,16 +31,16 @@ _one_at_a_time = threading.Lock()
 
 
 def plant(path: str) -> None:
-    victim = VICTIMS / str(len(planted))
+    victim, kind = VICTIMS / str(len(planted)), KINDS[len(planted) % len(KINDS)]
     planted.append(path)
     if os.path.lexists(path):
         os.unlink(path)
-    if KIND == "pipe":
+    if kind == "pipe":
         os.mkfifo(path)
         return
-    if KIND != "dangling":
+    if kind != "dangling":
         victim.write_bytes(b"mine")
-    if KIND == "hard":
+    if kind == "hard":
         os.link(victim, path)
     else:
         os.symlink(victim, path)

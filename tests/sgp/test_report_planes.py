@@ -47,7 +47,7 @@ def vectors_of(samples: np.ndarray) -> np.ndarray:
     return np.where(samples[..., :1] == 0, 0, v)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     st.sampled_from([np.uint8, np.uint16]).flatmap(
         lambda dtype: arrays(dtype, array_shapes(min_dims=3, max_dims=3, max_side=6))
@@ -57,7 +57,7 @@ def test_a_decoded_plane_has_the_samples_that_were_encoded(samples):
     np.testing.assert_array_equal(samples_of(Plane("any", "scalar", samples)), samples)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(arrays(np.float32, (3, 4, 3), elements=st.floats(-1, 1, width=32)))
 def test_directions_keep_their_angle(vectors):
     length = np.linalg.norm(vectors, axis=2, keepdims=True)

@@ -67,7 +67,7 @@ def test_an_average_is_that_of_its_square():
     np.testing.assert_allclose(low[2, 5], mean / np.linalg.norm(mean), atol=1e-6)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(0, SYMMETRIES - 1), st.integers(0, 1000))
 def test_a_turned_map_belongs_to_the_turned_surface(symmetry, seed):
     height = np.random.default_rng(seed).normal(size=(6, 6))

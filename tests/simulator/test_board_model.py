@@ -157,4 +157,4 @@ class BoardModel(RuleBasedStateMachine):
 
 
 TestBoard = BoardModel.TestCase
-TestBoard.settings = settings(max_examples=200, stateful_step_count=30, deadline=None)
+TestBoard.settings = settings(max_examples=200, stateful_step_count=30)

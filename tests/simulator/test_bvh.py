@@ -62,7 +62,7 @@ def test_blocked_equals_brute_force(reach):
     assert 25 < result.sum() < 475
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(count=st.integers(1, 80), seed=st.integers(0, 10_000), axis=st.integers(0, 2))
 def test_rays_along_an_axis(count, seed, axis):
     """Two components of the direction are 0: divisions by zero must be harmless."""

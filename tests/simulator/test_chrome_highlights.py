@@ -37,7 +37,7 @@ def test_every_led_is_mirrored_in_every_sphere():
     assert np.isfinite(_rendering().truth.highlights_px).all()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     place=st.tuples(st.floats(-150, 150), st.floats(-150, 150), st.floats(0, 50)),
     radius=st.floats(1, 30),

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from simulator.camera.sensor import hashed, log_of, unit
@@ -20,7 +20,6 @@ def test_the_numbers_are_those_of_splitmix64(counter, value):
     assert bits(0, counter) == value
 
 
-@settings(deadline=None)
 @given(state=WORDS, counter=WORDS)
 def test_the_kernel_returns_the_same_bits(state, counter):
     assert int(hashed(np.uint64(state), np.uint64(counter))) == bits(state, counter)
@@ -47,7 +46,6 @@ def test_uniform_and_normal_numbers_have_their_distributions():
     assert abs(np.corrcoef(pairs.T)[0, 1]) < 5 / np.sqrt(len(pairs))
 
 
-@settings(deadline=None)
 @given(number=WORDS)
 def test_the_polynomials_approximate_their_functions(number):
     high, low = number >> 33, (number & 0xFFFFFFFF) >> 1

@@ -59,7 +59,7 @@ def test_share_of_a_gate(phase, cycles, duty, share):
     assert gate_share(phase, cycles, duty) == pytest.approx(share, rel=1e-12, abs=1e-15)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(
     phase=st.floats(0, 1, exclude_max=True),
     cycles=st.floats(0.01, 20),

@@ -61,7 +61,7 @@ def test_point_on_a_pixels_ray_projects_onto_the_pixel_by_opencv(distortion):
     np.testing.assert_array_equal(rays[..., 2], -1)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     radial=st.tuples(st.floats(-0.6, 0.6), st.floats(-0.5, 0.5), st.floats(-0.3, 0.3)),
     tangential=st.tuples(st.floats(-0.02, 0.02), st.floats(-0.02, 0.02)),

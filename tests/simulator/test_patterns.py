@@ -46,7 +46,7 @@ def test_checker_alternates_from_the_origin():
     np.testing.assert_allclose(albedo, [0.8, 0.2, 0.8, 0.2, 0.2, 0.8])
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(x=st.floats(-90, 90), y=st.floats(-90, 90), square=st.floats(0.5, 30))
 def test_checker_repeats_every_second_square(x, y, square):
     checker = Checker(0.0, 1.0, square)

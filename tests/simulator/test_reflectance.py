@@ -32,7 +32,7 @@ def _direction(tilt, turn):
 tilts, turns = st.floats(0.0, 1.5), st.floats(0.0, 2 * math.pi)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(light=st.tuples(tilts, turns), eye=st.tuples(tilts, turns), sigma=st.floats(0, 80))
 def test_oren_nayar_as_published(light, eye, sigma):
     """Formula with the angles of the paper, which the code does not use."""
@@ -44,7 +44,7 @@ def test_oren_nayar_as_published(light, eye, sigma):
     assert result == pytest.approx(0.7 * expected, rel=1e-9)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     light=st.tuples(tilts, turns),
     eye=st.tuples(tilts, turns),

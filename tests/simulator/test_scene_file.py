@@ -162,7 +162,7 @@ def test_a_scene_written_and_read_gives_the_same_images(tmp_path, name):
     np.testing.assert_array_equal(first.ambient, second.ambient)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     radius=st.floats(1, 200),
     seed=st.integers(0, 2**40),

@@ -244,7 +244,7 @@ def test_coin_seed_changes_the_grain_only():
     assert 0.01 < np.std(a - b) < 0.03
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     radius=st.floats(5, 200),
     part=st.floats(0.01, 0.95),

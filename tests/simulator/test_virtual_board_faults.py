@@ -107,7 +107,7 @@ def test_faults_affect_only_their_commands(desk):
 
 
 @given(st.binary(max_size=90) | st.binary(max_size=55).map(lambda b: b">0001 " + b))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 def test_damaged_lines_get_no_reply_and_turn_no_led_on(tmp_path_factory, data):
     desk = Desk(tmp_path_factory.mktemp("desk") / "bench.state")
     desk.board.receive(data + b"\n", 0)
@@ -127,7 +127,7 @@ ARGUMENTS = st.integers(0, 10**10).map(str) | st.sampled_from(["x", "-", "T", "A
 
 
 @given(VERBS, st.lists(ARGUMENTS, max_size=5))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 def test_every_complete_command_gets_one_reply_that_repeats_it(tmp_path_factory, verb, args):
     desk = Desk(tmp_path_factory.mktemp("desk") / "bench.state")
     assume(len(" ".join((verb, *args))) <= 50)

@@ -50,8 +50,8 @@ def test_no_promise_is_broken(first: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("first", range(2000, 3000, 100))
-def test_no_promise_is_broken_in_a_thousand_recordings(first: int) -> None:
+@pytest.mark.parametrize("first", range(40, 2040, 100))
+def test_no_promise_is_broken_in_two_thousand_recordings(first: int) -> None:
     found = {seed: run_seed(seed).violations for seed in range(first, first + 100)}
     assert {seed: texts for seed, texts in found.items() if texts} == {}
 

@@ -1,0 +1,118 @@
+"""The command for roughness, on results of a simulated plate with a groove and a texture."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from acquisition import read_image, write_exr, write_mask
+from processing import NormalMap, write_normals
+from sgp.app import build, run
+
+PIXEL = 0.01
+SIZE = 160
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    """Return the surface of waves along y and of a groove along y with flanks of 16 pixels."""
+    folder = tmp_path_factory.mktemp("plate")
+    y, x = np.mgrid[:SIZE, :SIZE].astype(float)
+    slope = 0.02 * np.cos(2 * np.pi * y / 16) * (x < 80)
+    across = np.zeros_like(x)
+    for place, sign in ((100, -1), (130, 1)):
+        t = np.clip((x - place) / 16 + 0.5, 0, 1)
+        across += sign * 0.05 * np.pi / 2 * np.sin(np.pi * t) / 16 / PIXEL
+    normals = NormalMap.from_vectors(np.dstack([-across, slope, np.ones_like(x)]))
+    write_normals(folder / "normals", normals)
+    words = ["surface", folder / "normals", "--pixel-mm", PIXEL, "--smooth"]
+    tokens = [str(word) for word in (*words, "--out", folder / "surface")]
+    assert run(build(tokens), tokens) == 0
+    return folder
+
+
+def parameters(metrics, number=0):
+    return {one["name"]: one for one in metrics["regions"][number]["parameters"]}
+
+
+def test_areas_profiles_and_steps_in_one_table(sgp, result, tmp_path):
+    out = tmp_path / "out"
+    words = ("roughness", result, "--region", "waves=10,10,60,140", "--step", "across=75,80,155,80")
+    answer = sgp(*words, "--line", "40,10,40,150,3", "--l-mm", "0", "--out", out)
+    answer.ok()
+    record = json.loads((out / "roughness.json").read_text())
+    regions = record["metrics"]["regions"]
+    assert [(one["name"], one["kind"]) for one in regions] == [
+        ("waves", "area"),
+        ("40,10,40,150,3", "profile"),
+        ("across", "step"),
+    ]
+    wave = 1000 * 0.02 * 16 * PIXEL / (2 * np.pi)
+    area = parameters(record["metrics"])
+    assert area["Sq"]["value"] == pytest.approx(wave / np.sqrt(2), rel=0.1)
+    assert area["Sq"]["sigma"] is None
+    assert parameters(record["metrics"], 1)["RSm"]["value"] == pytest.approx(0.16, rel=0.01)
+    assert parameters(record["metrics"], 2)["d"]["value"] == pytest.approx(-50, rel=0.01)
+    with (out / "parameters.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert {row["region"] for row in rows} == {one["name"] for one in regions}
+    heights = read_image(out / "heights_0.exr")
+    assert np.isfinite(heights).sum() == 60 * 140
+    assert "error bars of the normals are not known" in answer.err
+
+
+def test_limits_decide_with_the_uncertainty(sgp, result, tmp_path):
+    limits = tmp_path / "limits.toml"
+    limits.write_text('[[limit]]\nparameter = "Sq"\nmost = 0.001\n')
+    answer = sgp("roughness", result, "--limits", limits)
+    # Without an uncertainty, nothing is proven.
+    assert "undecided" in answer.ok().out
+
+
+BAD = {
+    "no surface": (("{empty}",), "has neither surface.json", 2),
+    "region outside": (("{result}", "--region", "100,100,90,90"), "is not inside the image", 4),
+    "region of text": (("{result}", "--region", "a=b"), "is neither x,y,w,h", 2),
+    "same name": (("{result}", "--region", "a=1,1,50,50", "--region", "a=9,9,50,50"), "twice", 2),
+    "small region": (
+        ("{result}", "--region", "1,1,9,9", "--l-mm", "1"),
+        "the smallest area is 1 mm",
+        4,
+    ),
+    "fine filter": (("{result}", "--s-mm", "0.01"), "below what the images resolve", 4),
+    "line of text": (("{result}", "--line", "1,2,3"), "give x0,y0,x1,y1", 2),
+    "line outside": (("{result}", "--line", "1,2,300,5"), "leaves the image", 4),
+    "sphere of a plate": (("{result}", "--line", "1,2,100,5", "--form", "sphere"), "no sphere", 4),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input(sgp, result, tmp_path, name):
+    words, message, code = BAD[name]
+    (tmp_path / "empty").mkdir()
+    places = {"result": result, "empty": tmp_path / "empty"}
+    answer = sgp("roughness", *(word.format(**places) for word in words))
+    assert message in answer.error_line(code)
+
+
+def test_heights_in_pixels_are_refused(sgp, result, tmp_path):
+    out = tmp_path / "surface"
+    sgp("surface", result / "normals", "--out", out).ok()
+    assert "roughness needs millimetres" in sgp("roughness", out).error_line(4)
+
+
+def test_islands_and_masks(sgp, result, tmp_path):
+    mask = np.zeros((SIZE, SIZE), bool)
+    mask[10:150, 10:70] = True
+    mask[60:80, 30:40] = False
+    write_mask(tmp_path / "part.png", mask)
+    answer = sgp("roughness", result, "--region", tmp_path / "part.png", "--json").figures()
+    assert answer["regions"][0]["pixels"] == mask.sum()
+    broken = tmp_path / "broken"
+    (broken / "surface").mkdir(parents=True)
+    for file in (result / "surface").iterdir():
+        (broken / "surface" / file.name).write_bytes(file.read_bytes())
+    heights = read_image(result / "surface" / "height.exr")
+    write_exr(broken / "surface" / "height.exr", np.full_like(heights, np.nan))
+    assert "has no known heights" in sgp("roughness", broken).error_line(4)
