@@ -8,6 +8,8 @@ from .stack import StackFiles as StackFiles
 from .stack import check_linear as check_linear
 from .stack import linear_images as linear_images
 from .stack import linear_stack as linear_stack
+from .stack import moved_values as moved_values
 from .stack import open_stack as open_stack
 from .stack import raw_stack as raw_stack
 from .stack_noise import StackNoise as StackNoise
+from .structure_shifts import structure_shifts as structure_shifts

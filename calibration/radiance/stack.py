@@ -17,7 +17,7 @@ from calibration.radiance.developer import Developer, Pixels, brightest_sample
 from calibration.radiance.image_form import Channel
 from calibration.radiance.stack_noise import StackNoise, pattern_from_row
 from rig import Notice, Progress, check_type, no_progress
-from rig.arrays import Bool, Float32, Intp, UInt8
+from rig.arrays import Bool, Float32, Float64, Intp, UInt8
 
 _THREADS = 4
 # Samples of the frames that are decoded at the same time, usually of 2 bytes.
@@ -99,6 +99,64 @@ class LazyValues:
 
 Images = Float32
 """Linear grey images ``(N, H, W)``, or `LazyValues`."""
+
+
+@dataclass(frozen=True, eq=False)
+class _MovedImage:
+    """An image moved back, by linear interpolation; what was outside it repeats its border."""
+
+    values: Images
+    index: int
+    by: Float64
+
+    def __getitem__(self, part: tuple[Any, Any]) -> Float32:
+        whole = np.floor(self.by).astype(np.intp)
+        across, along = (np.float32(rest) for rest in self.by - whole)
+        image = self._whole(part, *whole)
+        if across:
+            image = (1 - across) * image + across * self._whole(part, whole[0] + 1, whole[1])
+        if along:
+            below = replace(self, by=np.array([self.by[0], whole[1] + 1.0]))
+            image = (1 - along) * image + along * below[part]
+        return image
+
+    def _whole(self, part: tuple[Any, Any], right: np.intp, down: np.intp) -> Float32:
+        """Return a part of the image moved back by whole pixels."""
+        sizes = self.values.shape[1:]
+        places = [
+            np.clip(np.arange(size)[one] + by, 0, size - 1)
+            for size, one, by in zip(sizes, part, (down, right), strict=True)
+        ]
+        if not any(isinstance(one, slice) for one in part):  # single pixels
+            return np.asarray(self.values[self.index, places[0], places[1]])
+        rows, columns = (slice(int(at.min()), int(at.max()) + 1) for at in places)
+        block = self.values[self.index, rows, columns]
+        of_rows, of_columns = (at - at.min() for at in places)
+        return np.asarray(block[np.ix_(of_rows, of_columns)])
+
+
+def moved_values(values: Images, shifts_px: Float64) -> Images:
+    """Return grey images ``(N, H, W)`` moved back, as `LazyValues`.
+
+    They are interpolated linearly, which leaves no rings around highlights.
+
+    Parameters
+    ----------
+    values
+        Images, or `LazyValues`.
+    shifts_px
+        ``(N, 2)``: by how much each image is further right and down.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from calibration.radiance import moved_values
+    >>> images = np.arange(8, dtype=np.float32).reshape(2, 1, 4)
+    >>> moved_values(images, np.array([[0, 0], [1.5, 0]]))[1]
+    array([[5.5, 6.5, 7. , 7. ]], dtype=float32)
+    """
+    moved = [_MovedImage(values, k, by) for k, by in enumerate(np.asarray(shifts_px, np.float64))]
+    return cast(Images, LazyValues(cast(Any, moved), values.shape[1:]))
 
 
 def raw_stack(source: Source, *, on_progress: Progress = no_progress) -> Stack:

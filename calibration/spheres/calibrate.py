@@ -34,6 +34,7 @@ def calibrate_spheres(
     camera: CameraModel | None = None,
     radius_mm: float | Sequence[float] | None = None,
     led_positions_mm: Mapping[str, Sequence[float]] | None = None,
+    follow: bool = False,
 ) -> SphereCalibration:
     """Estimate lights from their highlights on mirror spheres.
 
@@ -69,6 +70,9 @@ def calibrate_spheres(
         Positions of LEDs that are known independently, by the ids of the lights, for example from
         the rig file: x, y, z in mm in the house frame. They do not enter the lights. If the images
         contradict the radius or the working distance, they decide which of the two is wrong.
+    follow
+        If the spheres are not at one place in all images, follow a camera that drifted, by what is
+        the same in all images, then by the outlines of the spheres. The images must not turn.
 
     Returns
     -------
@@ -98,8 +102,12 @@ def calibrate_spheres(
     Lights(3 directions, L00 to L02)
     """
     radii = None if radius_mm is None else _radii(radius_mm)
-    seen = seen_in(stack, masks, circles, camera, radii)
-    return _calibrate([seen], ("",), camera, led_positions_mm)
+    seen = seen_in(stack, masks, circles, camera, radii, follow=follow)
+    found = _calibrate([seen], ("",), camera, led_positions_mm)
+    if seen.shifts_px is None:
+        return found
+    shifts = zip(seen.names, seen.shifts_px.tolist(), strict=True)
+    return replace(found, shifts_px={name: (right, down) for name, (right, down) in shifts})
 
 
 def calibrate_moved_spheres(

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Container, Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,7 +16,8 @@ from acquisition.values import led_id
 from calibration._errors import EstimateError
 from calibration.radiance.stack import Images, Stack, check_linear
 from calibration.spheres.highlights.highlights import find_highlights
-from calibration.spheres.judge.sphere_shifts import displaced
+from calibration.spheres.judge.drift import FOLLOWED_PX, Drift, SpheresIn, follow_camera
+from calibration.spheres.judge.sphere_shifts import displaced, sphere_shifts
 from calibration.spheres.outline.outline import shows_blocks
 from calibration.spheres.outline.sphere_image import (
     SphereImage,
@@ -42,6 +45,8 @@ Circle = tuple[float, float, float]
 _LISTED = 4
 # Rows and columns of a sphere that are compared between images: noise makes each of them differ.
 _COMPARED = 400
+# Smaller shifts are errors of the outlines.
+_STOOD_STILL_PX = 0.5
 _BLOCKS = (
     "the images show the 8 px blocks of JPEG compression, which displace and hide outlines: use "
     "images without compression, or of a quality of 95"
@@ -70,6 +75,9 @@ class SeenSpheres:
         Notices about outlines that do not count.
     doubts
         Notices about outlines, highlights and images.
+    shifts_px
+        ``(N, 2)``: by how much the spheres are further right and down in each image, if the camera
+        was followed; None if it stood still.
     """
 
     names: tuple[str, ...]
@@ -80,6 +88,7 @@ class SeenSpheres:
     lost: LostImages
     left_out: list[Notice]
     doubts: list[Notice]
+    shifts_px: Float64 | None = None
 
     __repr__ = short_repr
 
@@ -93,6 +102,7 @@ def seen_in(
     *,
     all_radii: bool = True,
     lights: tuple[str, ...] | None = None,
+    follow: bool = False,
 ) -> SeenSpheres:
     """Return the spheres that a recording shows.
 
@@ -105,6 +115,8 @@ def seen_in(
         some of the balls, which get the radii that fit their sizes.
     lights
         Order of the lights; default: that of the stack.
+    follow
+        Follow a camera that drifted.
     """
     gray = gray_stack(stack)
     if lights is not None and lights != gray.ids:
@@ -138,7 +150,8 @@ def seen_in(
                 error.args = (f"{error}; {_BLOCKS}{'' if masks else ', or give a mask'}",)
             raise
 
-    images, left_out, lost, elsewhere = _steady_spheres(gray, spheres_in)
+    steady = _followed_spheres if follow else _steady_spheres
+    images, left_out, lost, elsewhere, shifts_px = steady(gray, spheres_in)
     if not found:
         _check_apart(images)
     if radii_mm is not None:
@@ -156,29 +169,67 @@ def seen_in(
         *([Notice("images-compressed", _BLOCKS)] if compressed else ()),
         *elsewhere,
     ]
-    return SeenSpheres(names, size, images, radii_mm, found, lost, left_out, doubts)
+    return SeenSpheres(names, size, images, radii_mm, found, lost, left_out, doubts, shifts_px)
 
 
-def _steady_spheres(
-    stack: Stack,
-    spheres_in: Callable[[Images], tuple[list[SphereImage], list[Notice]]],
-) -> tuple[list[SphereImage], list[Notice], LostImages, list[Notice]]:
-    """Return the spheres of the images that agree about their places.
+class _Steady(NamedTuple):
+    """Spheres whose highlights are those of all lights.
 
-    Their highlights are those of all lights. The other results are notices about outlines that do
-    not count, the images that do not count, and notices about spheres that are elsewhere in some
-    images.
+    Further: notices about outlines that do not count, the images that do not count, notices about
+    spheres that are elsewhere in some images, and the shifts ``(N, 2)`` of a camera that drifted.
     """
-    values, names = stack.values, stack.ids
+
+    spheres: list[SphereImage]
+    left_out: list[Notice]
+    lost: LostImages
+    elsewhere: list[Notice]
+    shifts_px: Float64 | None = None
+
+
+def _followed_spheres(stack: Stack, spheres_in: SpheresIn) -> _Steady:
+    """Return the spheres as `_steady_spheres`, with the images moved back if the camera drifted.
+
+    It is followed only if the spheres are not found at one place in all images.
+    """
+    try:
+        steady = _steady_spheres(stack, spheres_in)
+        if not steady.lost.moved:
+            return steady
+    except EstimateError as error:
+        steady, refusal = None, error
+    usable = _without(range(len(stack.ids)), blank_images(stack).lights)
+    drift = None
+    with suppress(EstimateError):
+        drift = follow_camera(stack.values, usable, spheres_in)
+    if drift is None or np.abs(drift.shifts_px).max() < _STOOD_STILL_PX:
+        if steady is None:
+            raise refusal
+        return steady
+    try:
+        followed = _steady_spheres(stack, spheres_in, drift)
+    except EstimateError:
+        if steady is None:
+            raise
+        return steady
+    worse = steady is not None and len(followed.lost.lights) > len(steady.lost.lights)
+    return steady if steady is not None and worse else followed
+
+
+def _steady_spheres(stack: Stack, spheres_in: SpheresIn, drift: Drift | None = None) -> _Steady:
+    """Return the spheres of the images that agree about their places."""
+    values, names = (stack.values if drift is None else drift.values), stack.ids
     lost = blank_images(stack)
+    if drift is not None:
+        lost = replace(lost, moved=drift.unseen)
     lost.check(names)
     rows = _without(range(len(names)), lost.lights)
     some = _taken(values, rows)
     spheres, left_out = spheres_in(some)
-    moved = [displaced(some, sphere.outline) for sphere in spheres]
+    known = [None if drift is None else sphere_shifts(some, one.outline) for one in spheres]
+    moved = [displaced(some, one.outline, by) for one, by in zip(spheres, known, strict=True)]
     texts = moved_images(moved, spheres)
     if texts:
-        lost = replace(lost, moved={rows[k]: text for k, text in texts.items()})
+        lost = replace(lost, moved={**lost.moved, **{rows[k]: text for k, text in texts.items()}})
         try:
             lost.check(names)
         except EstimateError as error:
@@ -193,13 +244,29 @@ def _steady_spheres(
             steady = rows  # in most images some sphere moved: few are left
         some = _taken(values, rows)
         spheres, left_out = spheres_in(_taken(values, steady))
-        moved = [displaced(some, sphere.outline) for sphere in spheres]
+        known = [None if drift is None else sphere_shifts(some, one.outline) for one in spheres]
+        moved = [displaced(some, one.outline, by) for one, by in zip(spheres, known, strict=True)]
         if len(steady) < len(rows):  # single spheres moved: the others show the highlights
             seen = [find_highlights(some, sphere.outline) for sphere in spheres]
             spheres = [
                 replace(sphere, highlights=of_all)
                 for sphere, of_all in zip(spheres, seen, strict=True)
             ]
+    shifts_px = None
+    if drift is not None:
+        shifts_px = drift.shifts_px.copy()
+        shifts_px[rows] += np.mean([by for by in known if by is not None], axis=0)
+        part = (drift.shifts_px - np.rint(drift.shifts_px))[rows]
+        spheres = [
+            replace(
+                one,
+                highlights=find_highlights(_taken(drift.sharp, rows), one.outline).moved(
+                    -(part + by), FOLLOWED_PX
+                ),
+            )
+            for one, by in zip(spheres, known, strict=True)
+            if by is not None
+        ]
     of_light = [rows.index(k) if k in rows else -1 for k in range(len(names))]
     notices, images = [], []
     for sphere, of_sphere in zip(spheres, moved, strict=True):
@@ -209,7 +276,7 @@ def _steady_spheres(
         complete = min(shown, default=0) >= 0
         highlights = sphere.highlights if complete else sphere.highlights.take(shown)
         images.append(replace(sphere, highlights=highlights))
-    return images, left_out, lost, notices
+    return _Steady(images, left_out, lost, notices, shifts_px)
 
 
 def _without(rows: Iterable[int], lost: Container[int]) -> list[int]:

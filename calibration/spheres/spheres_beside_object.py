@@ -40,7 +40,8 @@ def apply_spheres(source: Source, spheres: SphereCalibration) -> Source:
     -------
     Source
         The recording with these lights; its `Source.not_object` covers the spheres and a margin of
-        5 % of their radius, at least 3 px. Intensities, axes and angular falloff are those that the
+        5 % of their radius, at least 3 px, and its `Source.shifts_px` are those by which the
+        camera was followed. Intensities, axes and angular falloff are those that the
         source had, with their standard deviations, since spheres do not determine them.
 
     Raises
@@ -89,7 +90,8 @@ def apply_spheres(source: Source, spheres: SphereCalibration) -> Source:
     elsewhere = covered > 0
     if source.not_object is not None:
         elsewhere |= source.not_object
-    return replace(source, lights=lights, not_object=elsewhere)
+    shifts = {name: spheres.shifts_px[name] for name in lights.ids if name in spheres.shifts_px}
+    return replace(source, lights=lights, not_object=elsewhere, shifts_px=shifts)
 
 
 def _with_strengths(lights: Lights, before: Lights) -> Lights:

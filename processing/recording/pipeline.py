@@ -28,7 +28,7 @@ from processing.maps.metrics import AngularError, angular_error
 from processing.maps.normal_map import NormalMap
 from processing.noise.lens_blur import lens_blur
 from processing.noise.sample_kind import Reason
-from processing.recording.alignment import AlignChoice, find_alignment
+from processing.recording.alignment import AlignChoice, find_alignment, lights_of_moved
 from processing.recording.banded_normals import (
     GraySolver,
     ShownBySample,
@@ -338,24 +338,40 @@ class NormalsStage:
     ) -> tuple[Source, StackFiles | None, str | None, Examination, list[Notice]]:
         """Open the images, align them if camera or object moved, and begin to examine them."""
         notices: list[Notice] = []
+        # Spheres in the images show the lights as they are in each.
+        aligned, decided = False, bool(source.shifts_px)
         while True:
             stack = self._opened(source, opened, on_progress, in_bands=in_bands)
             frames, pattern = stack.files, stack.pattern
             examined, of_mask = examination_of(source, stack, geometry, self.method, on_progress)
             del stack  # the examination may replace it
             examined.leave_out_unlit()
-            done = bool(source.shifts_px) or (pattern is not None and self.align == "auto")
+            done = aligned or (pattern is not None and self.align == "auto")
             alignment = find_alignment(
                 examined.images,
                 examined.lights,
                 examined.mask,
                 geometry.view,
                 "off" if done else self.align,
+                source.shifts_px,
             )
             notices += alignment.notices
-            if not alignment.shifts_px:
+            aligned = True
+            if alignment.shifts_px not in ({}, source.shifts_px):
+                source = replace(source, shifts_px=alignment.shifts_px)
+                del examined  # its images are no longer needed
+                continue
+            before = geometry.lights
+            if source.shifts_px and not decided and geometry.view is not None and before.near:
+                decided = True
+                lights, doubts = lights_of_moved(
+                    examined.images, before, examined.mask, geometry.view, source.shifts_px
+                )
+                notices += doubts
+                geometry = geometry._replace(lights=lights)
+            if geometry.lights is before:
                 return source, frames, pattern, examined, [*notices, *of_mask]
-            source = replace(source, shifts_px=alignment.shifts_px)
+            source = replace(source, lights=geometry.lights)
             del examined  # its images are no longer needed
 
     def _run_chosen(

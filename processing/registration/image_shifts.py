@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from calibration import EstimateError
-from calibration.radiance import Shift
+from calibration.radiance import structure_shifts
 from processing.images.block_means import block_mean
 from processing.images.recorded_images import Images
 from processing.registration.shift_fit import MARGIN, Patches, first_look, fit_shifts
@@ -179,7 +179,7 @@ def find_image_shifts(
         ]
         if not any(moved):
             return ImageShifts(still, np.full((count, 2), least_px), 1.0, 1.0, 0.0, math.sqrt(area))
-    by_energy = _by_energy(blocks) * first
+    by_energy = structure_shifts(blocks) * first
     shifts, size = by_energy, coarsest
     while size >= 1:
         # Repeated structure may mislead the level before: other starts compete with it.
@@ -207,31 +207,6 @@ def find_image_shifts(
 
 def _real(gain: float, largest_px: float) -> bool:
     return gain > _LEAST_GAIN * min(1.0, largest_px)
-
-
-def _by_energy(blocks: list[Float32]) -> Float64:
-    """Return shifts by where fine structure is strong, whatever its sign, in blocks.
-
-    Strength depends less on the light than structure itself, and has no period of a pattern.
-    """
-    maps = []
-    for block in blocks:
-        root = np.sqrt(np.maximum(np.nan_to_num(block, nan=1.0), 0))
-        fine = np.abs(root - cv2.GaussianBlur(root, (0, 0), 1.5))
-        even = cv2.GaussianBlur(fine, (0, 0), 1.5) / max(float(fine.mean()), 1e-9)
-        maps.append(np.asarray(even, np.float32))
-    height, width = maps[0].shape
-    window = cv2.createHanningWindow((width, height), cv2.CV_32F)
-    shifts, reference = np.zeros((len(maps), 2)), maps[len(maps) // 2]
-    for _ in range(2):
-        found = [cv2.phaseCorrelate(reference, one, window)[0] for one in maps]
-        shifts = np.array(found)
-        aligned = [
-            Shift(right, down).moved(one, 0, slice(0, height))
-            for one, (right, down) in zip(maps, shifts.tolist(), strict=True)
-        ]
-        reference = np.asarray(np.nan_to_num(aligned).mean(axis=0), np.float32)
-    return shifts - np.median(shifts, axis=0)
 
 
 def _reduced(image: Float32, size: int) -> Float32:

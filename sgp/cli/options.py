@@ -327,8 +327,8 @@ class SourceOptions(RemedyOptions):
         Subtract the light that a concave matte object reflects onto itself, if attached shadows
         show it. It takes some seconds and up to 300 MB more.
     align
-        auto (if camera or object surely moved while the images were taken, move the images back),
-        always (also by hundredths of a pixel), or off.
+        auto (if camera or object surely moved while the images were taken, move the images back;
+        with --spheres, follow the spheres), always (also by hundredths of a pixel), or off.
     """
 
     method: MethodChoice = "best"

@@ -63,7 +63,7 @@ def normals(
     force
         Write into an output folder that already contains files.
     """
-    opened = open_recording(source, options)
+    opened = open_recording(source, options, follow=options.align != "off")
     input_hashes(opened.files)
     pixel_mm = opened.pixel_mm(pixel_mm)
     seen, pixel = with_scale(opened.source, pixel_mm)

@@ -68,7 +68,7 @@ def run(
         Write into an output folder that already contains files.
     """
     watch = Stopwatch()
-    recording = open_recording(source, options)
+    recording = open_recording(source, options, follow=options.align != "off")
     input_hashes(recording.files)
     opened = recording.source
     surfaces = replace(surfaces, pixel_mm=recording.pixel_mm(surfaces.pixel_mm))

@@ -126,8 +126,8 @@ class Recording:
         return stated
 
 
-def open_recording(path: Path, options: RecordingOptions) -> Recording:
-    """Read a recording as its options say.
+def open_recording(path: Path, options: RecordingOptions, *, follow: bool = True) -> Recording:
+    """Read a recording as its options say; ``follow`` a camera that drifted by its spheres.
 
     Raises
     ------
@@ -179,7 +179,7 @@ def open_recording(path: Path, options: RecordingOptions) -> Recording:
     lit_by = None
     if options.spheres:
         places_mm = led_positions(options.rig, source.setup.rig)
-        source, lit_by = light_by_spheres(source, options.radius_mm, places_mm)
+        source, lit_by = light_by_spheres(source, options.radius_mm, places_mm, follow=follow)
         compared = rig_notices(lit_by.estimate.lights, options.rig, source.setup.rig)
         lit_by = replace(lit_by, warnings=(*lit_by.warnings, *compared))
     if options.crop is not None:

@@ -47,6 +47,8 @@ def light_by_spheres(
     source: acquisition.Source,
     radius_mm: Sequence[float],
     places_mm: Mapping[str, Sequence[float]],
+    *,
+    follow: bool,
 ) -> tuple[acquisition.Source, SphereLights]:
     """Estimate the lights of a recording from spheres next to its object.
 
@@ -58,6 +60,8 @@ def light_by_spheres(
         Radii of the spheres; empty if they are not known.
     places_mm
         Positions of LEDs that are known independently, by their ids; may be empty.
+    follow
+        Follow a camera that drifted.
 
     Raises
     ------
@@ -72,6 +76,7 @@ def light_by_spheres(
                 camera=source.camera,
                 radius_mm=given_radii(radius_mm),
                 led_positions_mm=places_mm,
+                follow=follow,
             )
     except calibration.EstimateError as error:
         advise_to_exclude(error)
@@ -79,6 +84,8 @@ def light_by_spheres(
     estimate = calibration.spheres.record_setup(estimate, source)
     lit = calibration.apply_spheres(source, estimate)
     lights = estimate.lights if lit.lights is None else lit.lights
+    if lit.shifts_px:  # the picture of the spheres is that of images which are moved back
+        stack = undivided_images(lit)
     return lit, SphereLights(source, estimate, lights, stack.brightest, estimate.warnings)
 
 

@@ -39,3 +39,16 @@ def write_recording(folder: Path) -> None:
             spot = 0.8 * np.exp(-((x - place[0]) ** 2 + (y - place[1]) ** 2) / (2 * 1.2**2))
             image = image * (1 - ball) + (0.1 + spot) * ball
         cv2.imwrite(str(folder / f"L{i:02d}.png"), np.rint(65535 * image).astype(np.uint16))
+
+
+def printed(folder: Path) -> np.ndarray:
+    """Return the images of a recording, with paint on object and ground, ``(N, H, W)`` uint16."""
+    write_recording(folder)
+    made = np.array(
+        [cv2.imread(str(path), cv2.IMREAD_UNCHANGED) for path in sorted(folder.glob("L*.png"))]
+    ).astype(np.float64)
+    rng = np.random.default_rng(3)
+    paint = 1 + 0.6 * cv2.GaussianBlur(rng.normal(size=SIZE), (0, 0), 1.5)
+    painted = (made + 4000) * np.clip(paint, 0.2, 2)
+    on_ball = np.any([normals_of(ball, RADIUS + 1)[1] for ball in BALLS], axis=0)
+    return np.where(on_ball, made, painted).clip(0, 65535).astype(np.uint16)

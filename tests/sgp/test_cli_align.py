@@ -4,8 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
-from acquisition import read_image, write_png
+from acquisition import angle_deg, read_image, read_lights, write_png
 from sgp import read_record
+from tests.calibration.spheres_and_object import directions, printed
+
+EVERY = [f"L{k:02d}.png" for k in range(8)]
 
 
 @pytest.fixture
@@ -31,3 +34,22 @@ def test_shifts_are_recorded_and_off_leaves_the_images(sgp, moved, tmp_path):
     assert "images-aligned" in [notice.code for notice in record.notices]
     sgp(*words, "--out", tmp_path / "off", "--align", "off").ok()
     assert "shifts_px" not in read_record(tmp_path / "off" / "normals.json").metrics
+
+
+def test_the_camera_is_held_by_hand(sgp, tmp_path):
+    """Lights are found although the ball moves, and the object is aligned better than that."""
+    folder, out = tmp_path / "photographs", tmp_path / "out"
+    folder.mkdir()
+    by = np.linspace(-6, 6, 8).round().astype(int)
+    for path, image, right in zip(EVERY, printed(folder), by, strict=True):
+        write_png(folder / path, np.roll(image, right, axis=1))
+    result = sgp("normals", folder, "--spheres", "--out", out, "--json").ok()
+    assert "images-aligned" in result.codes()
+    shifts = read_record(out / "normals.json").metrics["shifts_px"]
+    measured = [shifts.get(path[:3], (0, 0))[0] for path in EVERY]
+    error = measured - by
+    assert np.abs(error - error.mean()).max() < 0.1
+    lights = read_lights(out / "lights.json")
+    assert angle_deg(lights.unit_directions, directions()).max() < 1.2
+    message = sgp("normals", folder, "--spheres", "--align", "off", "--out", out, "--force")
+    assert message.code != 0

@@ -161,6 +161,27 @@ class Highlights:
             None if self.photon_px2 is None else taken(self.photon_px2),
         )
 
+    def moved(self, by_px: Float64, sigma_px: float) -> Highlights:
+        """Return these highlights elsewhere.
+
+        Parameters
+        ----------
+        by_px
+            ``(N, 2)`` right and down.
+        sigma_px
+            Standard deviation of each of its coordinates.
+        """
+        of = self.candidates
+        several = replace(
+            of, pixels=of.pixels + by_px[:, None], sigma_px=np.hypot(of.sigma_px, sigma_px)
+        )
+        return replace(
+            self,
+            pixels=self.pixels + by_px,
+            sigma_px=np.hypot(self.sigma_px, sigma_px),
+            several=several,
+        )
+
 
 def _no_candidates(count: int) -> Candidates:
     size = count, MOST_BLOBS

@@ -11,7 +11,7 @@ import numpy as np
 from calibration.radiance.stack import Images
 from calibration.spheres.geometry.ellipse import Ellipse
 from calibration.spheres.outline.limb import Profiles, stack_profiles
-from rig.arrays import Float32, Float64, Intp
+from rig.arrays import Float64, Intp
 
 # Profiles around an outline, their reach to both sides, and the distance of their samples in radii.
 _ANGLES, _REACH, _STEP = 120, 0.4, 1 / 200
@@ -19,8 +19,9 @@ _LEAST_REACH_PX, _LEAST_STEP_PX, _LEAST_BLUR_PX = 8.0, 0.5, 0.7
 # Larger spheres are compared in images that are smaller by a whole factor.
 _LARGE_PX = 150.0
 # Shifts in samples: a grid, and the steps of the search around its best place.
-_GRID, _STEPS = 4, (2.0, 1.0, 0.5, 0.25)
+_GRID, _STEPS, _FINE_STEPS = 4, (2.0, 1.0, 0.5, 0.25), (0.12, 0.06, 0.03)
 _SECTORS = 12
+_ROUNDS = 2
 # An image moved if its edges agree better elsewhere, by this much (1 is perfect agreement), and by
 # so many standard deviations of the mean over the sectors. The difference is 0.010 or less in
 # images that did not move, and up to 0.026 in a few sectors of these.
@@ -35,7 +36,9 @@ _SMALLEST_PX = 12.0
 _WAYS = [(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1) if x or y]
 
 
-def displaced(values: Images, outline: Ellipse) -> dict[int, float]:
+def displaced(
+    values: Images, outline: Ellipse, known_px: Float64 | None = None
+) -> dict[int, float]:
     """Return the images in which a sphere is elsewhere than in the others, and how far, in px.
 
     The brightness changes from light to light, but the edges around a sphere (its outline, what is
@@ -54,6 +57,8 @@ def displaced(values: Images, outline: Ellipse) -> dict[int, float]:
         ``(N, H, W)`` linear images, NaN where saturated.
     outline
         The outline that most images show.
+    known_px
+        ``(N, 2)``: how far it is known to be elsewhere; default: nowhere.
     """
     height, width = values.shape[1:]
     x, y = outline.centre_px
@@ -61,7 +66,7 @@ def displaced(values: Images, outline: Ellipse) -> dict[int, float]:
     if len(values) < _FEWEST or not visible:
         return {}
     least_px = _LEAST_SHIFT_PX if len(values) >= _FEW else _LEAST_OF_FEW_PX
-    slopes, step_px = _slopes(values, outline)
+    slopes, step_px = _slopes(values, outline, known_px)
     shifts = _Shifts(slopes.shape[2] // 2)
     left, total = list(range(len(values))), slopes.sum(axis=0)
     found: dict[int, float] = {}
@@ -80,13 +85,32 @@ def displaced(values: Images, outline: Ellipse) -> dict[int, float]:
     return found
 
 
-def _slopes(values: Images, outline: Ellipse) -> tuple[Profiles, float]:
+def sphere_shifts(values: Images, outline: Ellipse) -> Float64:
+    """Return by how much a sphere is further right and down in each image, ``(N, 2)`` px.
+
+    The edges are compared as in `displaced`, of which the parameters are. The shifts are against
+    their median, with standard deviations of about 0.1 px along each axis.
+    """
+    found: Float64 = np.zeros((len(values), 2))
+    for _ in range(_ROUNDS):  # the mean of shifted edges is blurred at first
+        slopes, step_px = _slopes(values, outline, found)
+        shifts, total = _Shifts(slopes.shape[2] // 2), slopes.sum(axis=0)
+        steps = [shifts.nearest(one, (total - one) / (len(values) - 1)) for one in slopes]
+        found = found + np.array(steps) * step_px
+        found -= np.median(found, axis=0)
+    return found
+
+
+def _slopes(
+    values: Images, outline: Ellipse, known_px: Float64 | None = None
+) -> tuple[Profiles, float]:
     """Return slopes across an outline, ``(N, angles, samples)``, and the distance of samples in px.
 
     Each profile has the mean 0, and the norm 1, or less if it is hardly more than noise.
     """
     reach_px = max(_REACH * outline.radius_px, _LEAST_REACH_PX)
-    far = outline.radius_px + reach_px + 2
+    known = np.zeros((len(values), 2)) if known_px is None else known_px
+    far = outline.radius_px + reach_px + 2 + float(np.abs(known).max())
     low = np.maximum((np.array(outline.centre_px) - far).astype(int), 0)
     high = (np.array(outline.centre_px) + far).astype(int) + 2
     factor = max(int(outline.radius_px / _LARGE_PX), 1)
@@ -97,7 +121,7 @@ def _slopes(values: Images, outline: Ellipse) -> tuple[Profiles, float]:
     step = max(_STEP * small.radius_px, _LEAST_STEP_PX)
     blur, count = max(step, _LEAST_BLUR_PX), round(reach_px / factor / step)
     offsets: Float64 = np.arange(-count, count + 1, dtype=np.float64) * step
-    images: list[Float32] = []
+    profiles_of: list[Profiles] = []
     for k in range(len(values)):
         part = values[k, low[1] : high[1], low[0] : high[0]]
         image = np.where(np.isnan(part), np.float32(1), part)
@@ -105,8 +129,10 @@ def _slopes(values: Images, outline: Ellipse) -> tuple[Profiles, float]:
             size = max(image.shape[1] // factor, 1), max(image.shape[0] // factor, 1)
             rows, columns = size[1] * factor, size[0] * factor
             image = cv2.resize(image[:rows, :columns], size, interpolation=cv2.INTER_AREA)
-        images.append(np.asarray(cv2.GaussianBlur(image, (0, 0), blur), np.float32))
-    profiles = np.moveaxis(stack_profiles(images, small, _angles(), offsets), 0, -1)
+        image = np.asarray(cv2.GaussianBlur(image, (0, 0), blur), np.float32)
+        there = small.moved(np.array([*(known[k] / factor), 0.0]))
+        profiles_of.append(stack_profiles([image], there, _angles(), offsets)[:, 0].T)
+    profiles = np.stack(profiles_of)
     rough = np.median(np.abs(np.diff(profiles, 3, axis=-1)), axis=(1, 2)) + 1e-6
     slopes = np.sqrt(np.abs(profiles[..., 2:] - profiles[..., :-2]))
     slopes -= slopes.mean(axis=-1, keepdims=True)
@@ -133,6 +159,22 @@ class _Shifts:
         gain, shift
             Both 0 if chance explains them.
         """
+        agreement, shift = self._search(slopes, others)
+        gains = self._at(agreement, shift) - self._at(agreement, np.zeros(2))
+        of_sectors = gains.reshape(_SECTORS, -1).mean(axis=1)
+        gain = float(of_sectors.mean())
+        sigma = float(of_sectors.std()) / np.sqrt(_SECTORS)
+        clear = gain > _GAIN and gain > _SIGMAS * sigma
+        large = gain > _LARGE_GAIN and gain > _OF_LARGE_GAIN * sigma
+        return (gain, float(np.hypot(*shift))) if clear or large else (0.0, 0.0)
+
+    def nearest(self, slopes: Profiles, others: Profiles) -> Float64:
+        """Return the shift in samples after which the agreement is best."""
+        agreement, shift = self._search(slopes, others)
+        return self._climb(agreement, shift, _FINE_STEPS)[1]
+
+    def _search(self, slopes: Profiles, others: Profiles) -> tuple[Profiles, Float64]:
+        """Return the agreement at each angle after each shift along it, and the best shift."""
         size, most = 2 * slopes.shape[1], self.farthest
         product = np.fft.rfft(slopes, size) * np.conj(np.fft.rfft(others, size))
         circular = np.fft.irfft(product, size)
@@ -144,19 +186,14 @@ class _Shifts:
         at = int(np.argmax(coarse))
         starts = [np.array([x[at], y[at]]), np.zeros(2)]
         ends = [self._climb(agreement, start) for start in starts]
-        shift = max(ends, key=lambda end: end[0])[1]
-        gains = self._at(agreement, shift) - self._at(agreement, np.zeros(2))
-        of_sectors = gains.reshape(_SECTORS, -1).mean(axis=1)
-        gain = float(of_sectors.mean())
-        sigma = float(of_sectors.std()) / np.sqrt(_SECTORS)
-        clear = gain > _GAIN and gain > _SIGMAS * sigma
-        large = gain > _LARGE_GAIN and gain > _OF_LARGE_GAIN * sigma
-        return (gain, float(np.hypot(*shift))) if clear or large else (0.0, 0.0)
+        return agreement, max(ends, key=lambda end: end[0])[1]
 
-    def _climb(self, agreement: Profiles, start: Float64) -> tuple[float, Float64]:
+    def _climb(
+        self, agreement: Profiles, start: Float64, steps: tuple[float, ...] = _STEPS
+    ) -> tuple[float, Float64]:
         """Return the largest mean agreement near a shift, and its shift."""
         shift, best = start, float(self._at(agreement, start).mean())
-        for step in _STEPS:
+        for step in steps:
             for _ in range(3):
                 trials = [shift + step * np.array(way) for way in _WAYS]
                 means = [float(self._at(agreement, trial).mean()) for trial in trials]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -67,6 +68,9 @@ class SphereCalibration:
     pixel_mm, pixel_sigma_mm
         Size of a pixel at the height of the centres of the spheres, and its standard deviation;
         None unless radii are known and the working distance is not.
+    shifts_px
+        By how much the spheres are further right and down in the image of each light, by its id,
+        if the camera was followed.
     """
 
     lights: Lights
@@ -77,6 +81,7 @@ class SphereCalibration:
     warnings: tuple[Notice, ...]
     pixel_mm: float | None = None
     pixel_sigma_mm: float | None = None
+    shifts_px: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     __repr__ = short_repr
 
