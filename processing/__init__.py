@@ -58,7 +58,8 @@ Heights and meshes::
     Geometry                 a mesh or a point cloud
 
 Namespaces: changes, checks, colour, curvatures, detail, maps, merging, meshes, near, noise,
-projection, recording, registration, relight, stages, stereo, superres, surface, synthesis.
+projection, recording, registration, relight, roughness, stages, stereo, superres, surface,
+synthesis.
 """
 
 import lazy_loader

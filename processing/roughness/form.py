@@ -11,6 +11,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from calibration import EstimateError
+from rig import short_repr
 from rig.arrays import Bool, Float64, Floating
 
 Form = Literal[
@@ -42,6 +43,8 @@ class FittedForm:
 
     heights: Floating
     radius: float | None
+
+    __repr__ = short_repr
 
 
 def fit_form(heights: Floating, pixel: float, form: Form, *, robust: bool = False) -> FittedForm:

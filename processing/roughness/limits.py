@@ -118,7 +118,7 @@ def applied(
             where = "any region" if limit.region is None else f"region {limit.region}"
             raise DataError(
                 f"{limit.parameter} of {where} has a limit, but was not measured: measured are "
-                f"{', '.join(measured)}; areas have S parameters, --line R and W, --step d"
+                f"{', '.join(measured)}; areas have S parameters, profiles R and W, steps d"
             )
         for name in places:
             quantity = measured[name][limit.parameter]

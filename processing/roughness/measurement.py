@@ -245,14 +245,14 @@ def measure_step(
     if not np.isfinite(heights).all():
         raise DataError(
             f"line {line}: crosses a hole or a jump: heights on its two sides are not connected; "
-            "known heights on both sides connect them (`sgp surface --prior`)"
+            "integrate the surface with known heights on both sides"
         )
     flank = step_height(heights).flank_px
     if flank < _LEAST_FLANK_PX and not joined:
         raise DataError(
             f"line {line}: the flank is {flank:.1f} pixels wide: normals show the height of a wall "
-            f"that has {_LEAST_FLANK_PX:g} pixels or more; known heights on both sides show it "
-            "(`sgp surface --prior`), or images with smaller pixels"
+            f"that has {_LEAST_FLANK_PX:g} pixels or more; integrate the surface with known heights "
+            "on both sides, or record it with smaller pixels"
         )
 
     def evaluate(values: Floating, seen: Resolution, other: bool) -> dict[str, float]:

@@ -14,6 +14,7 @@ from processing.roughness.areal_parameters import Parameter
 from processing.roughness.form import ORDERS
 from processing.roughness.gaussian import mean_line
 from processing.roughness.scale_limited import Resolution, Scales
+from rig import short_repr
 from rig.arrays import Float64
 
 PROFILE: Final[Mapping[str, Parameter]] = {
@@ -53,6 +54,8 @@ class Profile:
     waviness_mm: Float64
     step_mm: float
     sections: int
+
+    __repr__ = short_repr
 
 
 def scale_limited_profile(heights_mm: Float64, scales: Scales, resolution: Resolution) -> Profile:

@@ -130,8 +130,8 @@ def scale_limited(
     """Return the scale-limited heights of an area.
 
     The blur of lens and pixels is a part of the S-filter: only what it lacks is filtered, so
-    instruments of different sharpness show the same surface. The integration of normals is none: it
-    transmits ``1 - 23 f^4`` of a frequency f per pixel.
+    instruments of different sharpness show the same surface. The integration of normals is not a
+    blur: it transmits ``1 - 23 f^4`` of a frequency f per pixel.
 
     Parameters
     ----------

@@ -66,7 +66,7 @@ def step_height(heights: Float64, rounded: float = 1.0) -> Step:
     Raises
     ------
     EstimateError
-        If no flank is steeper than the rest, or too little is left beside it.
+        If no flank is steeper than the rest, or too few heights are left on one side.
     """
     slopes = np.gradient(heights)
     slopes = slopes - np.median(slopes)

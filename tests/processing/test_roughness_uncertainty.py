@@ -204,7 +204,7 @@ def test_a_resolved_step_is_measured_and_an_unresolved_one_refused():
             found = measure_step(heights, line, Resolution(PIXEL), errors).quantities["d"]
             assert abs(found.value - 50) < 2 * found.sigma
         else:
-            with pytest.raises(DataError, match=r"the flank is .* wide.*--prior"):
+            with pytest.raises(DataError, match=r"the flank is .* wide.*known heights"):
                 measure_step(heights, line, Resolution(PIXEL), errors)
             assert measure_step(heights, line, Resolution(PIXEL), errors, joined=True)
 
