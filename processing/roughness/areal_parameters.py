@@ -86,7 +86,7 @@ def areal_parameters(heights_mm: Floating, pixel_mm: float) -> dict[str, float]:
     >>> wave = 0.001 * np.sin(2 * np.pi * x / 0.5) * np.ones((200, 1))
     >>> found = areal_parameters(wave, 0.01)
     >>> {name: round(found[name], 4) for name in ("Sa", "Sq", "Sz", "Sdq")}
-    {'Sa': 0.6366, 'Sq': 0.7071, 'Sz': 2.0, 'Sdq': 0.0089}
+    {'Sa': 0.6358, 'Sq': 0.7071, 'Sz': 1.9961, 'Sdq': 0.0089}
     """
     values = heights_mm[np.isfinite(heights_mm)]
     # The mean of equal heights may be rounded.

@@ -69,6 +69,15 @@ def fit_form(heights: Floating, pixel: float, form: Form, *, robust: bool = Fals
     ------
     EstimateError
         If there are too few heights, or a sphere or cylinder does not fit.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing.roughness import fit_form
+    >>> y, x = np.mgrid[:40, :60] * 0.1
+    >>> ball = np.sqrt(10**2 - (x - 3) ** 2 - (y - 2) ** 2)
+    >>> round(fit_form(ball, 0.1, "sphere").radius, 6)
+    10.0
     """
     known = np.isfinite(heights)
     if form == "none":

@@ -48,6 +48,14 @@ def mean_surface(
     Returns
     -------
     ``(H, W)``, NaN where the heights are NaN, or too few around a pixel determine a plane.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing.roughness import mean_surface
+    >>> wave = np.cos(2 * np.pi * np.arange(-60, 61) / 20) * np.ones((121, 1))
+    >>> round(float(mean_surface(wave, 20)[60, 60]), 3)
+    0.5
     """
     scale = _missing(nesting_px, removed_px)
     known = np.isfinite(heights)
@@ -75,6 +83,14 @@ def mean_line(
     """Return the waves of a profile ``(N,)`` that are longer than the nesting index.
 
     As `mean_surface`, with a straight line around each point.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing.roughness import mean_line
+    >>> wave = np.cos(2 * np.pi * np.arange(-60, 61) / 20)
+    >>> round(float(mean_line(wave, 20)[60]), 3)
+    0.5
     """
     scale = _missing(nesting_px, removed_px)
     if scale == 0:

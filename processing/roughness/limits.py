@@ -87,12 +87,23 @@ class _LimitsFile(BaseModel):
 
 
 def read_limits(path: Path) -> list[Limit]:
-    """Read a TOML file of tables ``[[limit]]`` with parameter, least, most and perhaps region.
+    r"""Read a TOML file of tables ``[[limit]]`` with parameter, least, most and perhaps region.
 
     Raises
     ------
     DataError
         If the file cannot be read, a key or parameter is not known, or a limit has no number.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from processing.roughness import read_limits
+    >>> with TemporaryDirectory() as folder:
+    ...     file = Path(folder) / "seal.toml"
+    ...     _ = file.write_text('[[limit]]\nparameter = "Sa"\nmost = 1.6\n')
+    ...     print(*read_limits(file))
+    Sa at most 1.6 um
     """
     return read_toml(_LimitsFile, path).limit
 
@@ -106,6 +117,15 @@ def applied(
     ------
     DataError
         If no region has the parameter of a limit.
+
+    Examples
+    --------
+    >>> from processing.roughness import Limit, Quantity, applied
+    >>> rough = Quantity("Sa", "um", 1.0, 1.0, {"noise": 0.1})
+    >>> limit = Limit(parameter="Sa", most=1.6)
+    >>> [(_, region, _, answer)] = applied([limit], {"rim": {"Sa": rough}})
+    >>> region, answer
+    ('rim', 'conforms')
     """
     found = []
     for limit in limits:

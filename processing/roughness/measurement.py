@@ -88,6 +88,18 @@ def measure_area(
     ------
     DataError
         If the area has too few known heights, or is too small for the filters.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing.roughness import Resolution, measure_area
+    >>> y, x = np.mgrid[:120, :160] * 0.01
+    >>> heights = 0.001 * np.sin(2 * np.pi * x / 0.2)
+    >>> found = measure_area(heights, np.ones(x.shape, bool), Resolution(0.01))
+    >>> found.scales.s_mm, found.scales.l_mm
+    (0.05, 0.2)
+    >>> found.quantities["Sa"].unit
+    'um'
     """
     inside = area & np.isfinite(heights_mm)
     if not inside.any():
@@ -202,6 +214,17 @@ def measure_profile(
     ------
     DataError
         If the line leaves the image, crosses a hole, or is too short for the filters.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing.roughness import Line, Resolution, Scales, measure_profile
+    >>> y, x = np.mgrid[:120, :160] * 0.01
+    >>> heights = 0.001 * np.sin(2 * np.pi * x / 0.2)
+    >>> scales = Scales("level", 0.05, 0)
+    >>> found = measure_profile(heights, Line(0, 60, 159, 60), Resolution(0.01), scales)
+    >>> round(found.quantities["RSm"].value, 2)
+    0.2
     """
     chosen = (scales or Scales()).resolved(resolution, line.length_px * resolution.pixel_mm)
 
@@ -240,6 +263,16 @@ def measure_step(
         As `measure_profile`, or if a flank is too narrow.
     EstimateError
         If there is no step.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing.roughness import Line, Resolution, measure_step
+    >>> y, x = np.mgrid[:120, :160] * 0.01
+    >>> heights = np.clip((x - 0.8) / 0.1, -1, 1) * 0.025
+    >>> found = measure_step(heights, Line(10, 60, 150, 60), Resolution(0.01))
+    >>> round(found.quantities["d"].value, 3)
+    50.0
     """
     heights = line.of(heights_mm)
     if not np.isfinite(heights).all():
@@ -250,8 +283,8 @@ def measure_step(
     flank = step_height(heights).flank_px
     if flank < _LEAST_FLANK_PX and not joined:
         raise DataError(
-            f"line {line}: the flank is {flank:.1f} pixels wide: normals show the height of a wall "
-            f"that has {_LEAST_FLANK_PX:g} pixels or more; integrate the surface with known heights "
+            f"line {line}: the flank is {flank:.1f} pixels wide: normals show the height of walls "
+            f"of {_LEAST_FLANK_PX:g} pixels or more; integrate the surface with known heights "
             "on both sides, or record it with smaller pixels"
         )
 

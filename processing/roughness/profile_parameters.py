@@ -76,6 +76,15 @@ def scale_limited_profile(heights_mm: Float64, scales: Scales, resolution: Resol
     DataError
         If heights are missing within the profile, the form is a sphere or cylinder, or the profile
         is shorter than a section.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing.roughness import Resolution, Scales, scale_limited_profile
+    >>> line = np.sin(np.arange(400) / 4) + 0.1 * np.arange(400)
+    >>> profile = scale_limited_profile(line, Scales("plane", 0.05, 0.8), Resolution(0.01))
+    >>> profile.sections
+    5
     """
     known = np.flatnonzero(np.isfinite(heights_mm))
     if len(known) == 0 or len(known) != known[-1] - known[0] + 1:
@@ -102,7 +111,18 @@ def scale_limited_profile(heights_mm: Float64, scales: Scales, resolution: Resol
 
 
 def profile_parameters(profile: Profile) -> dict[str, float]:
-    """Return the parameters of a profile by the names of `PROFILE`, NaN where not defined."""
+    """Return the parameters of a profile by the names of `PROFILE`, NaN where not defined.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing.roughness import Resolution, Scales
+    >>> from processing.roughness import profile_parameters, scale_limited_profile
+    >>> wave = 0.001 * np.sin(2 * np.pi * np.arange(1000) / 50)
+    >>> profile = scale_limited_profile(wave, Scales("level", 0.05, 0), Resolution(0.01))
+    >>> round(profile_parameters(profile)["RSm"], 3)
+    0.5
+    """
     found = dict.fromkeys(PROFILE, math.nan)
     values = 1000 * (profile.roughness_mm - profile.roughness_mm.mean())
     root = float(np.sqrt(np.mean(values**2)))
@@ -144,4 +164,4 @@ def _mean_width(values: Float64, least: float) -> float:
             state = -1
     if len(crossings) < 2:
         return math.nan
-    return (crossings[-1] - crossings[0]) / (len(crossings) - 1)
+    return float(crossings[-1] - crossings[0]) / (len(crossings) - 1)

@@ -67,6 +67,15 @@ def step_height(heights: Float64, rounded: float = 1.0) -> Step:
     ------
     EstimateError
         If no flank is steeper than the rest, or too few heights are left on one side.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing.roughness import step_height
+    >>> heights = np.clip((np.arange(100) - 50) / 10, -1, 1)
+    >>> found = step_height(heights)
+    >>> found.kind, round(found.height, 6)
+    ('step', 2.0)
     """
     slopes = np.gradient(heights)
     slopes = slopes - np.median(slopes)
