@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from changed_objects import DISTANCE_MM, PIXEL_MM, SIZE, object_named, recorded
 
-from processing import integrate
+from processing import Reconstruction, integrate
 from processing.roughness import (
     AREAL,
     ErrorModel,
@@ -67,6 +67,17 @@ def true_heights(surface: Surface) -> Float64:
     return height
 
 
+def error_model(made: Reconstruction, pixel_mm: float) -> tuple[ErrorModel, Resolution]:
+    """Return the errors of a recording, as `sgp roughness` reads them from a result."""
+    if made.blur is None:
+        raise SystemExit("the noise of the recording is not known")
+    sigma = np.asarray(made.maps["normal_sigma_deg"][:])
+    common = float(np.nanmedian(made.maps["normal_sigma_common_deg"][:]))
+    blur, spread = (made.blur.sigma_px, 0.15) if made.blur.shown else (_USUAL_PX, 0.25)
+    errors = ErrorModel(NormalErrors(made.normals.normals, sigma, common))
+    return errors, Resolution(pixel_mm, blur, spread * blur)
+
+
 def recording(job: tuple[str, int], lights_error: float) -> list[Row]:
     """Return the parameters of a recording of a surface (name, seed)."""
     name, seed = job
@@ -75,17 +86,10 @@ def recording(job: tuple[str, int], lights_error: float) -> list[Row]:
     made = recorded(surface, paint, seed, error=lights_error, stated=True)
     normals = made.normals
     found = integrate(normals, camera=made.source.camera, discontinuity=False)
-    sigma = np.asarray(made.maps["normal_sigma_deg"][:])
-    common = float(np.nanmedian(made.maps["normal_sigma_common_deg"][:]))
-    blur = made.blur
-    if blur is None:
-        raise SystemExit("no blur")
-    blur_px, spread = (blur.sigma_px, 0.15) if blur.shown else (_USUAL_PX, 0.25)
-    resolution = Resolution(found.pixel_size, blur_px, spread * blur_px)
+    errors, resolution = error_model(made, found.pixel_size)
     area = np.zeros(normals.size, bool)
     middle = SIZE // 2
     area[middle - _HALF : middle + _HALF, middle - _HALF : middle + _HALF] = True
-    errors = ErrorModel(NormalErrors(normals.normals, sigma, common), 0.0)
     heights = found.height
     measured = measure_area(heights, area, resolution, Scales(), errors)
     fine = Resolution(PIXEL_MM / _FINE)
