@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from pydantic import JsonValue
 
@@ -122,7 +122,14 @@ def open_source_of(
     pixel_mm = record.parameters.get("pixel_mm")
     scale = float(pixel_mm) if isinstance(pixel_mm, (int, float)) else None
     scaled, size = with_scale(recording.source, scale)
-    return Recording(scaled, recording.files), size
+    return Recording(_moved_back(scaled, record), recording.files), size
+
+
+def _moved_back(source: acquisition.Source, record: ResultRecord) -> acquisition.Source:
+    """Return a source whose images are moved back as those of the result were."""
+    # The reader of the record has checked its figures.
+    shifts = cast("dict[str, list[float]]", record.metrics.get("shifts_px", {}))
+    return replace(source, shifts_px={name: (by[0], by[1]) for name, by in shifts.items()})
 
 
 def _options(path: Path, found: NormalsResult, max_pixels: int) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import pytest
 
 from acquisition import angle_deg, read_image, read_lights, write_png
 from sgp import read_record
+from sgp.stages.result_source import find_normals, open_source_of
 from tests.calibration.spheres_and_object import directions, printed
 
 EVERY = [f"L{k:02d}.png" for k in range(8)]
@@ -32,6 +33,9 @@ def test_shifts_are_recorded_and_off_leaves_the_images(sgp, moved, tmp_path):
     for right, down in shifts.values():
         assert (right, down) == (pytest.approx(2, abs=0.1), pytest.approx(0, abs=0.1))
     assert "images-aligned" in [notice.code for notice in record.notices]
+    # Commands that read the images of the result again move them back, too.
+    again, _ = open_source_of(tmp_path / "out", find_normals(tmp_path / "out"), 10**6)
+    assert {name: [*by] for name, by in again.source.shifts_px.items()} == shifts
     sgp(*words, "--out", tmp_path / "off", "--align", "off").ok()
     assert "shifts_px" not in read_record(tmp_path / "off" / "normals.json").metrics
 
