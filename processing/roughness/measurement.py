@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -145,7 +145,18 @@ def measure_area(
         found = {name: _extended(one, whole[name]) for name, one in of_part.items()}
     limited = np.full(heights_mm.shape, np.nan, heights_mm.dtype)
     limited[window] = scale_limited(heights, within, chosen, resolution)
-    return Area({name: _doubted(one) for name, one in found.items()}, chosen, limited, resolution)
+    return Area(_with_doubts(found, resolution), chosen, limited, resolution)
+
+
+def _with_doubts(found: Mapping[str, Quantity], resolution: Resolution) -> dict[str, Quantity]:
+    """Return the quantities of an area with doubts about their uncertainties."""
+    doubts = {name: list[str]() for name in found}
+    if found["Sal"].value < resolution.lateral_mm:
+        for each in doubts.values():
+            each.append("the texture is finer than the lateral resolution")
+    if found["Str"].value >= _LEAST_STRIPED:
+        doubts["Std"].append("the texture has no main direction")
+    return {name: _doubted(one, doubts[name]) for name, one in found.items()}
 
 
 def _sample(area: Bool) -> tuple[slice, slice] | None:
@@ -320,9 +331,9 @@ def _along(
     return {name: _doubted(one) for name, one in found.items()}
 
 
-def _doubted(quantity: Quantity) -> Quantity:
+def _doubted(quantity: Quantity, others: Sequence[str] = ()) -> Quantity:
     """Return a quantity with doubts about its uncertainty."""
-    doubts = list(quantity.doubts)
+    doubts = [*others]
     share = abs(quantity.measured - quantity.value) / abs(quantity.measured or 1)
     if share > _MOST_NOISE:
         doubts.append(f"{share:.0%} of it is noise")

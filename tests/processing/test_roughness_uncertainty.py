@@ -154,6 +154,23 @@ def test_without_errors_there_is_no_uncertainty():
     assert found.quantities["Sq"].value == found.quantities["Sq"].measured
 
 
+def test_texture_finer_than_the_images_is_not_assured():
+    z, *_ = relief(0.001)
+    area, scales = np.ones(z.shape, bool), Scales("plane", 0.2, 0.0)
+    sharp = measure_area(z, area, SHARP, scales).quantities
+    blurred = measure_area(z, area, Resolution(PIXEL, 2.5), scales).quantities
+    assert not sharp["Sq"].doubts
+    assert "finer than the lateral resolution" in blurred["Sq"].doubts[0]
+
+
+def test_an_even_texture_has_no_direction():
+    z, *_ = relief(0.001)
+    area, scales = np.ones(z.shape, bool), Scales("plane", 0.05, 0.0)
+    assert measure_area(z, area, SHARP, scales).quantities["Std"].doubts
+    stripes = 0.001 * np.sin(2 * np.pi * X / 0.13) + 0.05 * z
+    assert not measure_area(stripes, area, SHARP, scales).quantities["Std"].doubts
+
+
 def groove(depth=0.05, width=60, flank=10, count=240, slope=0.001):
     """Return a groove with flanks that rise as a cosine."""
     at = np.arange(count, dtype=float)
