@@ -87,7 +87,7 @@ def read_surface(path: Path, *, scale_sigma: float, max_pixels: int) -> SurfaceI
     files = [folder / SURFACE_RECORD, height_file]
     distance = metrics.get("camera_distance")
     pixel = float(size)
-    if isinstance(distance, (int, float)):
+    if isinstance(distance, (int, float)) and np.isfinite(heights).any():
         # Nearer pixels are smaller.
         pixel *= 1 - float(np.nanmean(heights)) / float(distance)
     parts = None
@@ -114,9 +114,9 @@ def read_surface(path: Path, *, scale_sigma: float, max_pixels: int) -> SurfaceI
                 )
             errors = ErrorModel(
                 NormalErrors(read.normal_map.normals, sigma.sigma_deg[:], sigma.common_deg),
-                scale_sigma,
+                math.hypot(scale_sigma, _height_share(normals, distance)),
             )
-        elif normals.record.verdict not in (None, "good"):
+        if normals.record.verdict not in (None, "good"):
             notices.append(_verdict(normals))
     if errors is None:
         notices.append(
@@ -127,8 +127,6 @@ def read_surface(path: Path, *, scale_sigma: float, max_pixels: int) -> SurfaceI
                 str(path),
             )
         )
-    elif normals is not None and normals.record.verdict not in (None, "good"):
-        notices.append(_verdict(normals))
     input_hashes(files)
     blur_px = USUAL_BLUR_PX if blur is None else blur
     spread = _USUAL_SPREAD if blur is None else _SHOWN_SPREAD
@@ -154,6 +152,14 @@ def _normals_of(path: Path, folder: Path, record: ResultRecord) -> NormalsResult
             except UsageError:
                 continue
     return None
+
+
+def _height_share(normals: NormalsResult, distance: object) -> float:
+    """Return the deviation of the mean height relative to the distance of the camera."""
+    sigma = normals.record.metrics.get("mean_height_sigma_mm")
+    if isinstance(sigma, (int, float)) and isinstance(distance, (int, float)):
+        return float(sigma) / float(distance)
+    return 0.0
 
 
 def _verdict(normals: NormalsResult) -> rig.Notice:
