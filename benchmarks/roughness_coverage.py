@@ -2,7 +2,7 @@
 
 For example:
 
-    python benchmarks/roughness_coverage.py --seed 700 --count 200 --out rows.csv
+    python benchmarks/roughness_coverage.py --seed 700 --count 200 --out coverage.csv
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import csv
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -109,23 +109,47 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--light-error", type=float, default=0.005)
     parser.add_argument("--processes", type=int, default=1)
-    parser.add_argument("--out", type=Path)
+    parser.add_argument("--rows", type=Path, help="table of all parameters; read if it exists")
+    parser.add_argument("--out", type=Path, help="table of the coverage")
     options = parser.parse_args()
-    jobs = [(SURFACES[i % len(SURFACES)], options.seed + i) for i in range(options.count)]
-    rows: list[Row] = []
-    with ProcessPoolExecutor(options.processes) as pool:
-        for done, found in enumerate(
-            pool.map(partial(recording, lights_error=options.light_error), jobs), 1
-        ):
-            rows += found
-            print(f"{done} of {len(jobs)}", flush=True)
+    if options.rows and options.rows.exists():
+        rows = read_rows(options.rows)
+    else:
+        jobs = [(SURFACES[i % len(SURFACES)], options.seed + i) for i in range(options.count)]
+        rows = []
+        with ProcessPoolExecutor(options.processes) as pool:
+            measure = partial(recording, lights_error=options.light_error)
+            for done, found in enumerate(pool.map(measure, jobs), 1):
+                rows += found
+                print(f"{done} of {len(jobs)}", flush=True)
+        if options.rows:
+            write_table(options.rows, Row._fields, rows)
+    table = list(summary(rows))
+    for line in (HEAD, *table):
+        print(*line, sep="  ")
     if options.out:
-        with options.out.open("w", newline="") as file:
-            table = csv.writer(file, lineterminator="\n")
-            table.writerow(Row._fields)
-            table.writerows(rows)
-    for line in summary(rows):
-        print(line)
+        write_table(options.out, HEAD, table)
+
+
+def write_table(path: Path, head: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    with path.open("w", newline="") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(head)
+        table.writerows(rows)
+
+
+def read_rows(path: Path) -> list[Row]:
+    with path.open(newline="") as file:
+        return [
+            Row(
+                one["surface"],
+                int(one["seed"]),
+                one["parameter"],
+                *(float(one[key]) for key in ("truth", "measured", "value", "sigma")),
+                one["assured"] == "True",
+            )
+            for one in csv.DictReader(file)
+        ]
 
 
 def error(row: Row) -> float:
@@ -134,20 +158,35 @@ def error(row: Row) -> float:
     return (off + 90) % 180 - 90 if AREAL[row.parameter].kind == "angle" else off
 
 
-def summary(rows: list[Row]) -> Iterator[str]:
-    """Yield, for each parameter, the share of intervals with k = 2 that contain the truth."""
-    yield "parameter  within k = 2   error / sigma: rms, mean   error / truth: median   assured"
+HEAD = (
+    "parameter",
+    "recordings",
+    "assured",
+    "within k = 2",
+    "error / sigma rms",
+    "error / sigma mean",
+    "error / truth median",
+)
+
+
+def summary(rows: list[Row]) -> Iterator[tuple[str, ...]]:
+    """Yield the columns of `HEAD` for each parameter."""
     for name in AREAL:
         these = [row for row in rows if row.parameter == name and math.isfinite(row.truth)]
         kept = [row for row in these if row.assured and row.sigma > 0]
         if not kept:
-            yield f"{name:6} none of {len(these)} assured"
+            yield (name, str(len(these)), "0", "", "", "", "")
             continue
         z = np.array([error(row) / row.sigma for row in kept])
         share = np.median([abs(error(row) / row.truth) for row in kept])
         yield (
-            f"{name:6} {np.mean(np.abs(z) <= 2):.3f}   {np.sqrt(np.mean(z**2)):.2f}, "
-            f"{np.mean(z):+.2f}   {share:.2%}   {len(kept)} of {len(these)}"
+            name,
+            str(len(these)),
+            str(len(kept)),
+            f"{np.mean(np.abs(z) <= 2):.3f}",
+            f"{np.sqrt(np.mean(z**2)):.2f}",
+            f"{np.mean(z):+.2f}",
+            f"{share:.2%}",
         )
 
 

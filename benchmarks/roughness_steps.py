@@ -2,13 +2,12 @@
 
 For example:
 
-    python benchmarks/roughness_steps.py --seed 900 --count 50 --out rows.csv
+    python benchmarks/roughness_steps.py --seed 900 --count 50 --out steps.csv
 """
 
 from __future__ import annotations
 
 import argparse
-import csv
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -17,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 from changed_objects import PIXEL_MM, SIZE, Placed, recorded
-from roughness_coverage import error_model
+from roughness_coverage import error_model, write_table
 
 from processing import integrate
 from processing.roughness import Line, measure_step
@@ -93,24 +92,35 @@ def main() -> None:
         for done, found in enumerate(pool.map(recording, jobs), 1):
             rows.append(found)
             print(f"{done} of {len(jobs)}: {found}", flush=True)
+    table = list(summary(rows))
+    for line in (HEAD, *table):
+        print(*line, sep="  ")
     if options.out:
-        with options.out.open("w", newline="") as file:
-            table = csv.writer(file, lineterminator="\n")
-            table.writerow(Row._fields)
-            table.writerows(rows)
-    for line in summary(rows):
-        print(line)
+        write_table(options.out, HEAD, table)
 
 
-def summary(rows: list[Row]) -> Iterator[str]:
-    """Yield the coverage of each pixel size."""
+HEAD = (
+    "pixel mm",
+    "recordings",
+    "within k = 2",
+    "error / sigma rms",
+    "error / sigma mean",
+    "sigma um median",
+)
+
+
+def summary(rows: list[Row]) -> Iterator[tuple[str, ...]]:
+    """Yield the columns of `HEAD` for each pixel size."""
     for pixel in sorted({row.pixel_mm for row in rows}):
         these = [row for row in rows if row.pixel_mm == pixel]
         z = np.array([(row.value_um - row.truth_um) / row.sigma_um for row in these])
         yield (
-            f"pixels of {pixel:.3f} mm: within k = 2 in {np.mean(np.abs(z) <= 2):.2f} of "
-            f"{len(z)}; error / sigma {np.sqrt(np.mean(z**2)):.2f} rms, {np.mean(z):+.2f} mean; "
-            f"sigma {np.median([row.sigma_um for row in these]):.3g} um"
+            f"{pixel:.3f}",
+            str(len(z)),
+            f"{np.mean(np.abs(z) <= 2):.2f}",
+            f"{np.sqrt(np.mean(z**2)):.2f}",
+            f"{np.mean(z):+.2f}",
+            f"{np.median([row.sigma_um for row in these]):.3g}",
         )
 
 
