@@ -64,7 +64,7 @@ def scale_limited_profile(heights_mm: Float64, scales: Scales, resolution: Resol
     Parameters
     ----------
     heights_mm
-        ``(N,)`` heights, one per pixel; NaN at either end only.
+        ``(N,)`` heights, one per pixel.
     scales
         Form, of which a profile has polynomials only, and both nesting indices, which are called
         cut-off wavelengths here.
@@ -74,7 +74,7 @@ def scale_limited_profile(heights_mm: Float64, scales: Scales, resolution: Resol
     Raises
     ------
     DataError
-        If heights are missing within the profile, the form is a sphere or cylinder, or the profile
+        If heights are missing, the form is a sphere or cylinder, or the profile
         is shorter than a section.
 
     Examples
@@ -86,17 +86,15 @@ def scale_limited_profile(heights_mm: Float64, scales: Scales, resolution: Resol
     >>> profile.sections
     5
     """
-    known = np.flatnonzero(np.isfinite(heights_mm))
-    if len(known) == 0 or len(known) != known[-1] - known[0] + 1:
+    if not np.isfinite(heights_mm).all():
         raise DataError(
-            "the line crosses a hole or a jump: heights on its two sides are not connected; use a "
-            "line on one side"
+            "the line crosses a hole or a jump, or leaves the surface: heights on its two sides are "
+            "not connected; use a line on one side"
         )
-    heights = heights_mm[known[0] : known[-1] + 1]
     pixel, s_mm, l_mm = resolution.pixel_mm, scales.s_mm or 0.0, scales.l_mm or 0.0
     if scales.form not in ORDERS and scales.form != "none":
         raise DataError(f"a profile has no {scales.form}: use a polynomial such as quadric")
-    heights = mean_line(heights - heights.mean(), s_mm / pixel, removed_px=resolution.blur_px)
+    heights = mean_line(heights_mm - heights_mm.mean(), s_mm / pixel, removed_px=resolution.blur_px)
     if scales.form != "none":
         at = np.linspace(-1, 1, len(heights))
         fitted = np.polynomial.legendre.legfit(at, heights, ORDERS[scales.form])

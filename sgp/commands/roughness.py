@@ -171,7 +171,16 @@ def _along(
     scales: Scales,
     progress: rig.Progress,
 ) -> Measured:
-    given = surface.heights_mm, line, surface.resolution
+    heights = surface.heights_mm
+    if surface.parts is not None:
+        # Where it leaves the part in which it begins, a line crosses a hole or a jump.
+        row, column = (
+            int(np.clip(round(at), 0, size - 1))
+            for at, size in zip((line.y0, line.x0), heights.shape, strict=True)
+        )
+        same = surface.parts == surface.parts[row, column]
+        heights = np.where(same, heights, np.float32(math.nan))
+    given = heights, line, surface.resolution
     if kind == "profile":
         found = measure_profile(*given, scales, surface.errors, on_progress=progress)
     else:
@@ -182,9 +191,9 @@ def _along(
 def _largest_part(made: Result, surface: SurfaceInput, area: Region) -> Bool:
     """Return the known pixels of an area in the largest part of the surface that it contains."""
     known = area.inside(surface.heights_mm.shape) & np.isfinite(surface.heights_mm)
-    if surface.parts is None or not known.any():
+    if surface.parts is None or not (known & (surface.parts >= 0)).any():
         return known
-    counts = np.bincount(surface.parts[known])
+    counts = np.bincount(surface.parts[known & (surface.parts >= 0)])
     largest: Bool = known & (surface.parts == int(counts.argmax()))
     left_out = 1 - np.count_nonzero(largest) / np.count_nonzero(known)
     if left_out > _OTHER_PARTS:

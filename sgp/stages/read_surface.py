@@ -12,8 +12,10 @@ import acquisition
 import processing
 import rig
 from processing.roughness import ErrorModel, NormalErrors, Resolution
-from rig.arrays import Float32, Int32
+from processing.surface.grid_graph import label_parts
+from rig.arrays import Bool, Float32, Int32
 from sgp.cli.exit import UsageError
+from sgp.pictures.jumps import JUMP_DOWN, JUMP_RIGHT
 from sgp.results import USUAL_BLUR_PX, ResultRecord, input_hashes
 from sgp.stages.result_source import SURFACE_RECORD, NormalsResult, find_normals, find_surface
 from sgp.stages.sigma_map import read_sigma
@@ -31,8 +33,8 @@ class SurfaceInput:
     heights_mm
         ``(H, W)`` float32, NaN outside the mask.
     parts
-        ``(H, W)`` int32 parts whose relative heights are not known, -1 outside; None if there is
-        one.
+        ``(H, W)`` int32 parts whose relative heights are not known, -1 for pixels without
+        neighbours; None if there is one.
     resolution
         What the instrument transmits.
     errors
@@ -90,11 +92,12 @@ def read_surface(path: Path, *, scale_sigma: float, max_pixels: int) -> SurfaceI
     if isinstance(distance, (int, float)) and np.isfinite(heights).any():
         # Nearer pixels are smaller.
         pixel *= 1 - float(np.nanmean(heights)) / float(distance)
+    jumps = folder / "jumps.png"
+    files += [jumps] if jumps.is_file() else []
+    joined = "prior_heights" in metrics
     parts = None
-    if (folder / "parts.png").is_file():
-        files.append(folder / "parts.png")
-        image = acquisition.read_image(files[-1], max_pixels=max_pixels)
-        parts = image.astype(np.int32) if len(np.unique(image[np.isfinite(heights)])) > 1 else None
+    if not joined and _has_parts(record, jumps):
+        parts = _parts(np.isfinite(heights), jumps, max_pixels)
     notices = list[rig.Notice]()
     normals = _normals_of(path, folder, record)
     errors, blur = None, None
@@ -135,11 +138,28 @@ def read_surface(path: Path, *, scale_sigma: float, max_pixels: int) -> SurfaceI
         parts=parts,
         resolution=Resolution(pixel, blur_px, spread * blur_px),
         errors=errors,
-        joined="prior_heights" in metrics,
+        joined=joined,
         normals=normals,
         files=files,
         notices=notices,
     )
+
+
+def _has_parts(record: ResultRecord, jumps: Path) -> bool:
+    count = record.metrics.get("parts")
+    return jumps.is_file() or (isinstance(count, int) and count > 1)
+
+
+def _parts(known: Bool, jumps: Path, max_pixels: int) -> Int32:
+    """Return ``(H, W)`` the parts between holes and jumps, -1 for pixels without neighbours."""
+    right, down = np.zeros((2, known.shape[0] + 2, known.shape[1] + 2), np.float32)
+    right[1:-1, 1:-2] = known[:, :-1] & known[:, 1:]
+    down[1:-2, 1:-1] = known[:-1] & known[1:]
+    if jumps.is_file():
+        where = acquisition.read_image(jumps, max_pixels=max_pixels)
+        right[1:-1, 1:-1][(where == JUMP_RIGHT) | (where == JUMP_RIGHT + JUMP_DOWN)] = 0
+        down[1:-1, 1:-1][where >= JUMP_DOWN] = 0
+    return label_parts(right, down)[0][1:-1, 1:-1]
 
 
 def _normals_of(path: Path, folder: Path, record: ResultRecord) -> NormalsResult | None:

@@ -6,8 +6,8 @@ import json
 import numpy as np
 import pytest
 
-from acquisition import read_image, write_exr, write_mask
-from processing import NormalMap, write_normals
+from acquisition import read_image, write_exr, write_mask, write_png
+from processing import NormalMap, read_normals, write_normals
 from sgp.app import build, run
 
 PIXEL = 0.01
@@ -100,6 +100,35 @@ def test_heights_in_pixels_are_refused(sgp, result, tmp_path):
     out = tmp_path / "surface"
     sgp("surface", result / "normals", "--out", out).ok()
     assert "roughness needs millimetres" in sgp("roughness", out).error_line(4)
+
+
+def test_parts_are_not_compared(sgp, result, tmp_path):
+    """Two parts of a surface: the relative height of both is not known."""
+    normals = read_normals(result / "normals").normal_map
+    mask = np.ones((SIZE, SIZE), bool)
+    mask[:, 100:104] = False
+    write_normals(tmp_path / "normals", NormalMap.of_unit_vectors(normals.normals, mask))
+    words = ("surface", tmp_path / "normals", "--pixel-mm", PIXEL, "--smooth")
+    sgp(*words, "--out", tmp_path / "surface").ok()
+    answer = sgp("roughness", tmp_path, "--json")
+    assert "roughness-parts" in answer.codes()
+    assert answer.figures()["regions"][0]["pixels"] == 100 * SIZE
+    for option in ("--line", "--step"):
+        line = sgp("roughness", tmp_path, option, "80,80,140,80").error_line(4)
+        assert "crosses a hole or a jump" in line
+    sgp("roughness", tmp_path, "--line", "110,20,110,150").ok()
+
+
+def test_jumps_divide_parts(sgp, result, tmp_path):
+    for file in (result / "surface").iterdir():
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    jumps = np.zeros((SIZE, SIZE), np.uint8)
+    jumps[:, 59] = 85
+    write_png(tmp_path / "jumps.png", jumps)
+    answer = sgp("roughness", tmp_path, "--json")
+    assert "roughness-parts" in answer.codes()
+    assert answer.figures()["regions"][0]["pixels"] == 100 * SIZE
+    assert "crosses" in sgp("roughness", tmp_path, "--line", "20,80,90,80").error_line(4)
 
 
 def test_islands_and_masks(sgp, result, tmp_path):
