@@ -88,7 +88,7 @@ def scale_limited_profile(heights_mm: Float64, scales: Scales, resolution: Resol
     """
     if not np.isfinite(heights_mm).all():
         raise DataError(
-            "the line crosses a hole or a jump, or leaves the surface: heights on its two sides are "
+            "the line crosses a hole or a jump, or leaves the surface: heights on both sides are "
             "not connected; use a line on one side"
         )
     pixel, s_mm, l_mm = resolution.pixel_mm, scales.s_mm or 0.0, scales.l_mm or 0.0
