@@ -16,7 +16,7 @@ from processing.surface.grid_graph import label_parts
 from rig.arrays import Bool, Float32, Int32
 from sgp.cli.exit import UsageError
 from sgp.pictures.jumps import JUMP_DOWN, JUMP_RIGHT
-from sgp.results import USUAL_BLUR_PX, ResultRecord, input_hashes
+from sgp.results import USUAL_BLUR_PX, ResultRecord, input_hashes, sha256
 from sgp.stages.result_source import SURFACE_RECORD, NormalsResult, find_normals, find_surface
 from sgp.stages.sigma_map import read_sigma
 
@@ -110,6 +110,11 @@ def read_surface(path: Path, *, scale_sigma: float, max_pixels: int) -> SurfaceI
             read = processing.read_normals(normals.folder, max_pixels=max_pixels)
             sigma = read_sigma(sigma_file, read.normal_map.mask, max_pixels)
             files += [normals.record_file, *read.files, sigma_file]
+            changed = [one for one in files if _changed(one, record)]
+            if changed:
+                raise acquisition.DataError(
+                    f"{changed[0]}: has changed since {folder} was computed: compute it again"
+                )
             if read.normal_map.size != heights.shape:
                 raise acquisition.DataError(
                     f"{normals.folder}: its size is not that of {height_file}: give a complete "
@@ -189,3 +194,9 @@ def _verdict(normals: NormalsResult) -> rig.Notice:
         "not include such mistakes, so the uncertainties are not assured"
     )
     return rig.Notice("roughness-not-assured", text, str(normals.folder))
+
+
+def _changed(file: Path, record: ResultRecord) -> bool:
+    """Return whether a file is not the one that a surface was computed from."""
+    stated = record.inputs.get(str(file))
+    return stated is not None and sha256(file) != stated

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from acquisition import read_image, write_exr, write_mask, write_png
+from benchmarks.relief_fields import View, relief, seen, write_field
 from processing import NormalMap, read_normals, write_normals
 from sgp.app import build, run
 
@@ -145,3 +146,40 @@ def test_islands_and_masks(sgp, result, tmp_path):
     heights = read_image(result / "surface" / "height.exr")
     write_exr(broken / "surface" / "height.exr", np.full_like(heights, np.nan))
     assert "has no known heights" in sgp("roughness", broken).error_line(4)
+
+
+@pytest.fixture
+def certain(sgp, tmp_path):
+    """Return a result with error bars."""
+    folder = tmp_path / "certain"
+    field = seen(relief((170, 190), 5), View(95, 85, 0.0), (120, 140), 0)[0]
+    write_field(folder / "normals", field, pixel_mm=0.05)
+    sigma = folder / "normals" / "normal_sigma_deg.exr"
+    words = ("surface", folder / "normals", "--sigma", sigma, "--pixel-mm", "0.05", "--smooth")
+    sgp(*words, "--out", folder / "surface").ok()
+    return folder
+
+
+def test_values_have_uncertainties_and_limits_use_them(sgp, certain, tmp_path):
+    words = ("roughness", certain, "--l-mm", "0")
+    answer = sgp(*words, "--scale-percent", "1", "--json").figures()
+    height = {one["name"]: one for one in answer["regions"][0]["parameters"]}["Sq"]
+    assert height["budget"]["scale"] == pytest.approx(0.01 * height["value"], rel=0.2)
+    assert 0 < height["sigma"] < 0.2 * height["value"]
+    limits = tmp_path / "limits.toml"
+    for share, code, word in ((2, 0, "conforms"), (1, 0, "undecided"), (0.3, 6, "exceeded")):
+        limits.write_text(f'[[limit]]\nparameter = "Sq"\nmost = {share * height["value"]}\n')
+        out = tmp_path / word
+        answer = sgp(*words, "--limits", limits, "--out", out)
+        assert (answer.code, word in answer.out) == (code, True)
+        assert (
+            json.loads((out / "roughness.json").read_text())["metrics"]["limits"][0]["answer"]
+            == word
+        )
+
+
+def test_normals_that_have_changed_are_refused(sgp, certain):
+    file = certain / "normals" / "normals.exr"
+    write_exr(file, np.ascontiguousarray(read_image(file)[::-1]))
+    message = sgp("roughness", certain).error_line(4)
+    assert "normals.exr: has changed since" in message
