@@ -76,7 +76,8 @@ def _of_record(path: Path, max_pixels: int) -> tuple[float | None, float | None]
         return None, None
     blur = found.record.metrics.get("lens_blur_px")
     opened = open_source_of(path, found, max_pixels)
-    pixel_mm = None
+    named = found.record.parameters.get("pixel_mm")
+    pixel_mm = float(named) if isinstance(named, (int, float)) else None
     if opened is not None:
         recording, stated = opened
         unit, size = processing.surface.surface_scale(recording.source.camera, stated)

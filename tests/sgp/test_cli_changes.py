@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from acquisition import read_image, write_exr
+from benchmarks.relief_fields import View, relief, seen, write_field
 from processing import NormalMap, write_normals
 
 SIZE = 200, 260
@@ -121,3 +122,28 @@ def test_options_that_do_not_fit(sgp, recorded, words, message):
     answer = sgp("compare", recorded / "before", recorded / "same", *words)
     assert answer.code == 2
     assert message in answer.err
+
+
+@pytest.fixture
+def scaled(tmp_path):
+    """The same relief three times: without a scale, with one, and with another one."""
+    whole = relief((170, 190), 5)
+    for number, (name, pixel_mm) in enumerate((("none", None), ("fine", 0.05), ("wide", 0.06))):
+        field = seen(whole, View(95, 85, 0.0), (120, 140), number)[0]
+        write_field(tmp_path / name, field, pixel_mm=pixel_mm)
+    return tmp_path
+
+
+def test_a_scale_that_is_known_of_one_only(sgp, scaled):
+    words = ("compare", scaled / "fine", scaled / "none", "--register")
+    line = sgp(*words).error_line(4)
+    assert str(scaled / "none") in line
+    assert "its scale is not known" in line
+    assert sgp(*words, "--pixel-mm", "0.05", "--json").figures()["unit"] == "mm"
+
+
+def test_scales_that_contradict_each_other(sgp, scaled):
+    answer = sgp("compare", scaled / "fine", scaled / "wide", "--register", "--json")
+    assert "scales-contradict" in answer.codes()
+    alike = sgp("compare", scaled / "fine", scaled / "fine", "--register", "--json")
+    assert "scales-contradict" not in alike.codes()
