@@ -164,6 +164,11 @@ def _registered(
                 "known: compute the normals with `sgp normals` from 5 images at least, or leave "
                 "--significance out"
             )
+    if false_alarm is not None and before.images & after.images:
+        raise acquisition.DataError(
+            f"{a} and {b}: were computed from the same images, so their errors are the same: the "
+            "significance of changes needs two recordings"
+        )
     scales = before.pixel_mm, after.pixel_mm
     if (scales[0] is None) != (scales[1] is None):
         unknown = a if scales[0] is None else b

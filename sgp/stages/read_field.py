@@ -14,8 +14,9 @@ from processing.registration import Field
 from rig.arrays import Float32
 from sgp.cli.exit import UsageError
 from sgp.cli.options import Green
+from sgp.results import ResultRecord
 from sgp.stages.maps import MapInput
-from sgp.stages.result_source import find_normals, open_source_of
+from sgp.stages.result_source import NormalsResult, find_normals, open_source_of
 from sgp.stages.sigma_map import read_sigma
 
 
@@ -31,6 +32,9 @@ class FieldInput:
         Size of a pixel on the object; None if it is not known.
     blur_px
         Standard deviation of the blur of the lens; None if it is not known.
+    images
+        Hashes of the images or of the session that the field was computed from; empty if they are
+        not known.
     files, notices
         The files, and notices about them.
     """
@@ -38,6 +42,7 @@ class FieldInput:
     field: Field
     pixel_mm: float | None
     blur_px: float | None
+    images: frozenset[str]
     files: list[Path]
     notices: list[rig.Notice]
 
@@ -64,22 +69,36 @@ def read_field(path: Path, green: Green, *, pixel_mm: float | None, max_pixels: 
         common = np.full_like(sigma, deviations.common_deg)
         notices += deviations.notices
     field = Field(read.normal_map, albedo, sigma, common)
-    stated_mm, blur_px = _of_record(path, max_pixels)
-    return FieldInput(field, pixel_mm or stated_mm, blur_px, files, notices)
-
-
-def _of_record(path: Path, max_pixels: int) -> tuple[float | None, float | None]:
-    """Return the size of a pixel and the blur of the lens, None if they are not known."""
     try:
         found = find_normals(path)
     except UsageError:
-        return None, None
+        return FieldInput(field, pixel_mm, None, frozenset(), files, notices)
     blur = found.record.metrics.get("lens_blur_px")
+    return FieldInput(
+        field,
+        pixel_mm or _pixel_mm(path, found, max_pixels),
+        float(blur) if isinstance(blur, (int, float)) else None,
+        _images(found.record),
+        files,
+        notices,
+    )
+
+
+def _pixel_mm(path: Path, found: NormalsResult, max_pixels: int) -> float | None:
+    """Return the size of a pixel, None if it is not known."""
     opened = open_source_of(path, found, max_pixels)
-    named = found.record.parameters.get("pixel_mm")
-    pixel_mm = float(named) if isinstance(named, (int, float)) else None
-    if opened is not None:
-        recording, stated = opened
-        unit, size = processing.surface.surface_scale(recording.source.camera, stated)
-        pixel_mm = size if unit == "mm" else None
-    return pixel_mm, float(blur) if isinstance(blur, (int, float)) else None
+    if opened is None:
+        named = found.record.parameters.get("pixel_mm")
+        return float(named) if isinstance(named, (int, float)) else None
+    recording, stated = opened
+    unit, size = processing.surface.surface_scale(recording.source.camera, stated)
+    return size if unit == "mm" else None
+
+
+def _images(record: ResultRecord) -> frozenset[str]:
+    source = Path(str(record.parameters.get("source")))
+    return frozenset(
+        digest
+        for name, digest in record.inputs.items()
+        if Path(name) == source or source in Path(name).parents
+    )

@@ -147,3 +147,13 @@ def test_scales_that_contradict_each_other(sgp, scaled):
     assert "scales-contradict" in answer.codes()
     alike = sgp("compare", scaled / "fine", scaled / "fine", "--register", "--json")
     assert "scales-contradict" not in alike.codes()
+
+
+def test_two_results_of_one_recording_are_refused(sgp, recording, tmp_path):
+    """With other options, their noise is still the same."""
+    words = ("normals", recording, "--lights", tmp_path / "lights.json", "--method")
+    for method in ("ls", "cauchy"):
+        sgp(*words, method, "--out", tmp_path / method).ok()
+    names = tmp_path / "ls", tmp_path / "cauchy"
+    compared = sgp("compare", *names, "--register", "--significance", "--out", tmp_path / "out")
+    assert "from the same images" in compared.error_line(4)
