@@ -60,7 +60,7 @@ from sgp.results import LABELS, BatchMetrics, Result, check_output, input_hashes
 from sgp.stages import size_text
 
 _LEAST_MEMORY = 2**29
-_CHARTS = "Control charts: mean, 3-sigma limits (dashed), specification (red), bars k = 2"
+_CHARTS = "Control charts"
 _Workers = Annotated[Whole, Parameter(validator=Number(gte=1, lte=256))]
 _Retries = Annotated[Whole, Parameter(validator=Number(gte=0, lte=100))]
 
