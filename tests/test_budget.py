@@ -20,7 +20,7 @@ BUDGET = {
     "calibration": (10730, 30, 90),
     "processing": (26850, 65, 245),
     "simulator": (9050, 28, 77),
-    "sgp": (18420, 0, 177),
+    "sgp": (18450, 0, 177),
 }
 WORDS_OF_DOCUMENTS = 62100
 # Numbers of calibration/spheres that were chosen, not derived.
