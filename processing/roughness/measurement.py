@@ -145,18 +145,14 @@ def measure_area(
         found = {name: _extended(one, whole[name]) for name, one in of_part.items()}
     limited = np.full(heights_mm.shape, np.nan, heights_mm.dtype)
     limited[window] = scale_limited(heights, within, chosen, resolution)
-    return Area(_with_doubts(found, resolution), chosen, limited, resolution)
+    return Area(_with_doubts(found), chosen, limited, resolution)
 
 
-def _with_doubts(found: Mapping[str, Quantity], resolution: Resolution) -> dict[str, Quantity]:
+def _with_doubts(found: Mapping[str, Quantity]) -> dict[str, Quantity]:
     """Return the quantities of an area with doubts about their uncertainties."""
-    doubts = {name: list[str]() for name in found}
-    if found["Sal"].value < resolution.lateral_mm:
-        for each in doubts.values():
-            each.append("the texture is finer than the lateral resolution")
-    if found["Str"].value >= _LEAST_STRIPED:
-        doubts["Std"].append("the texture has no main direction")
-    return {name: _doubted(one, doubts[name]) for name, one in found.items()}
+    even = found["Str"].value >= _LEAST_STRIPED
+    doubts = {"Std": ("the texture has no main direction",)} if even else {}
+    return {name: _doubted(one, doubts.get(name, ())) for name, one in found.items()}
 
 
 def _sample(area: Bool) -> tuple[slice, slice] | None:
@@ -333,7 +329,7 @@ def _along(
 
 def _doubted(quantity: Quantity, others: Sequence[str] = ()) -> Quantity:
     """Return a quantity with doubts about its uncertainty."""
-    doubts = [*others]
+    doubts = [*quantity.doubts, *others]
     share = abs(quantity.measured - quantity.value) / abs(quantity.measured or 1)
     if share > _MOST_NOISE:
         doubts.append(f"{share:.0%} of it is noise")

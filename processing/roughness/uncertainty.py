@@ -26,6 +26,7 @@ _MODELS = 6
 # Relative standard deviation of the stated deviations of normals; measured ones are within 0.89 and
 # 1.09 of the actual ones, decile by decile (docs/quality.md).
 _OF_DEVIATIONS = 0.1
+_SOMETIMES = "errors of the normals make it undefined"
 # Sources of uncertainty, as in a budget.
 SOURCES: Final = ("noise", "noise level", "model", "lights", "scale", "filter", "form")
 # Evaluates parameters of heights: (heights, resolution, form fitted the other way).
@@ -177,6 +178,11 @@ def quantities(
             "filter": abs(float(by_blur[i])),
             "form": abs(float(by_form[i])),
         }
+        if not np.isfinite([start[i], value[i], *budget.values()]).all():
+            doubts = (_SOMETIMES,) if math.isfinite(start[i]) else ()
+            known = float(start[i])
+            results[name] = Quantity(name, parameters[name].unit, known, known, doubts=doubts)
+            continue
         shared = [("lights", k, one[i]) for k, one in enumerate(by_lights)]
         shared += [("scale", 0, by_scale[i]), ("filter", 0, by_blur[i])]
         results[name] = Quantity(
@@ -184,7 +190,7 @@ def quantities(
             parameters[name].unit,
             float(start[i]),
             _combined(errors, float(value[i]), budget, shared),
-            budget if np.isfinite(start[i]) else {},
+            budget,
         )
     return results
 
@@ -213,8 +219,6 @@ def _combined(
 ) -> AffineScalarFunc | float:
     from uncertainties import ufloat
 
-    if not math.isfinite(value):
-        return math.nan
     parts = [float(factor) * errors.shared(name, number) for name, number, factor in shared]
     own = ("noise", "noise level", "model", "form")
     parts += [ufloat(0, budget[source], source) for source in own if budget[source] > 0]

@@ -10,6 +10,7 @@ from acquisition import DataError
 from calibration import EstimateError
 from processing import NormalMap, integrate
 from processing.roughness import (
+    AREAL,
     SOURCES,
     ErrorModel,
     Limit,
@@ -26,6 +27,7 @@ from processing.roughness import (
     scale_limited,
     step_height,
 )
+from processing.roughness.uncertainty import quantities
 
 PIXEL = 0.01
 SIZE = 96
@@ -152,15 +154,6 @@ def test_without_errors_there_is_no_uncertainty():
     found = measure_area(z, np.ones(z.shape, bool), SHARP, Scales("plane", 0.05, 0.0))
     assert math.isnan(found.quantities["Sq"].sigma)
     assert found.quantities["Sq"].value == found.quantities["Sq"].measured
-
-
-def test_texture_finer_than_the_images_is_not_assured():
-    z, *_ = relief(0.001)
-    area, scales = np.ones(z.shape, bool), Scales("plane", 0.2, 0.0)
-    sharp = measure_area(z, area, SHARP, scales).quantities
-    blurred = measure_area(z, area, Resolution(PIXEL, 2.5), scales).quantities
-    assert not sharp["Sq"].doubts
-    assert "finer than the lateral resolution" in blurred["Sq"].doubts[0]
 
 
 def test_an_even_texture_has_no_direction():
@@ -313,3 +306,16 @@ def test_limits_apply_to_regions(tmp_path):
     assert found == [("rim", "conforms"), ("face", "conforms"), ("rim", "exceeded")]
     with pytest.raises(DataError, match="region rim has a limit"):
         applied(read_limits(file), {"face": {"Sq": quantity(1.5, 0.1)}})
+
+
+def test_a_parameter_that_errors_make_undefined_has_no_uncertainty():
+    z, *_ = relief(0.001)
+    normals = NormalMap.from_vectors(np.tile([0.0, 0.0, 1.0], (SIZE, SIZE, 1))).normals
+    errors = ErrorModel(NormalErrors(normals, np.ones((SIZE, SIZE), np.float32), 0.0))
+
+    def evaluate(heights, seen, other):
+        return {"Sq": 1.0 if np.array_equal(heights, z) else math.nan}
+
+    found = quantities(evaluate, z, SHARP, errors, AREAL)["Sq"]
+    assert (found.value, math.isnan(found.sigma), found.budget) == (1.0, True, {})
+    assert "undefined" in found.doubts[0]

@@ -22,7 +22,7 @@ lights = "lights.json"
 pixel-mm = 0.1
 [roughness]
 region = ["top=17,13,14,14"]
-form = "quadric"
+form = "level"
 l-mm = 0
 limits = "limits.toml"
 """
