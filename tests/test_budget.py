@@ -18,9 +18,9 @@ BUDGET = {
     "rig": (4250, 48, 69),
     "acquisition": (15900, 66, 158),
     "calibration": (10730, 30, 90),
-    "processing": (26850, 65, 245),
+    "processing": (26860, 65, 245),
     "simulator": (9050, 28, 77),
-    "sgp": (18450, 0, 177),
+    "sgp": (18460, 0, 177),
 }
 WORDS_OF_DOCUMENTS = 62100
 # Numbers of calibration/spheres that were chosen, not derived.

@@ -46,8 +46,14 @@ class NormalErrors:
 
     @cached_property
     def _own(self) -> Float32:
-        """Standard deviation of each normal in each tangent direction without the common part."""
-        variance = np.square(np.radians(self.sigma_deg)) - math.radians(self.common_deg) ** 2
+        """Standard deviation of each normal in each tangent direction without the common part.
+
+        Normals whose deviation is not known count as the least certain one.
+        """
+        known = np.isfinite(self.sigma_deg)
+        largest = self.sigma_deg[known].max() if known.any() else np.float32(0)
+        sigma_deg = np.where(known | ~self.normals.any(axis=2), self.sigma_deg, largest)
+        variance = np.square(np.radians(sigma_deg)) - math.radians(self.common_deg) ** 2
         return np.sqrt(np.maximum(np.nan_to_num(variance), 0) / 2)
 
     @cached_property

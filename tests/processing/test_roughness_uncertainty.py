@@ -319,3 +319,12 @@ def test_a_parameter_that_errors_make_undefined_has_no_uncertainty():
     found = quantities(evaluate, z, SHARP, errors, AREAL)["Sq"]
     assert (found.value, math.isnan(found.sigma), found.budget) == (1.0, True, {})
     assert "undefined" in found.doubts[0]
+
+
+def test_normals_without_a_deviation_count_as_uncertain():
+    normals = NormalMap.from_vectors(np.tile([0.0, 0.0, 1.0], (SIZE, SIZE, 1))).normals
+    stated = np.full((SIZE, SIZE), 0.5, np.float32)
+    gaps = stated.copy()
+    gaps[:40] = np.nan
+    whole, part = (next(NormalErrors(normals, one, 0.0).noise(PIXEL, 1)) for one in (stated, gaps))
+    np.testing.assert_allclose(part, whole)

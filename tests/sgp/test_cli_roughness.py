@@ -183,3 +183,13 @@ def test_normals_that_have_changed_are_refused(sgp, certain):
     write_exr(file, np.ascontiguousarray(read_image(file)[::-1]))
     message = sgp("roughness", certain).error_line(4)
     assert "normals.exr: has changed since" in message
+
+
+@pytest.mark.parametrize(("common_deg", "named"), [(0.0, True), (0.2, False)])
+def test_lights_without_errors_are_named(sgp, certain, common_deg, named):
+    file = certain / "normals" / "normals.json"
+    record = json.loads(file.read_text())
+    record["metrics"]["normal_sigma_common_deg"] = common_deg
+    record.pop("record_sha256", None)
+    file.write_text(json.dumps(record))
+    assert ("roughness-lights-exact" in sgp("roughness", certain, "--json").codes()) == named

@@ -41,7 +41,7 @@ class Drift:
     sharp
         The images, moved back by whole pixels, for the highlights.
     unseen
-        What to say about images in which a sphere is outside, or moved by itself.
+        What to say about images in which a sphere is outside, or was moved alone.
     """
 
     shifts_px: Float64
