@@ -17,8 +17,9 @@ from rig.arrays import Bool, Float32, Int32
 from sgp.cli.exit import UsageError
 from sgp.pictures.jumps import JUMP_DOWN, JUMP_RIGHT
 from sgp.results import USUAL_BLUR_PX, ResultRecord, input_hashes, sha256
-from sgp.stages.result_source import SURFACE_RECORD, NormalsResult, find_normals, find_surface
+from sgp.stages.result_source import NormalsResult, find_normals
 from sgp.stages.sigma_map import read_sigma
+from sgp.stages.surface_export import read_heights
 
 # Relative standard deviations of the blur of a usual lens, and of that which normals show.
 _USUAL_SPREAD, _SHOWN_SPREAD = 0.25, 0.15
@@ -76,22 +77,17 @@ def read_surface(path: Path, *, scale_sigma: float, max_pixels: int) -> SurfaceI
     DataError
         If its heights are in pixels, or a file is missing or cannot be read.
     """
-    folder, record = find_surface(path)
+    surface = read_heights(path, max_pixels)
+    folder, record = surface.record_file.parent, surface.record
+    height_file = surface.height_file
     metrics = record.metrics
-    size = metrics.get("pixel_size")
-    if metrics.get("unit") != "mm" or not isinstance(size, (int, float)):
-        raise acquisition.DataError(
-            f"{folder}: its heights are in pixels: roughness needs millimetres; compute the result "
-            "again with --pixel-mm, or with a camera that has a working distance"
-        )
-    height_file = folder / "height.exr"
-    heights = acquisition.read_image(height_file, max_pixels=max_pixels).astype(np.float32)
-    files = [folder / SURFACE_RECORD, height_file]
-    distance = metrics.get("camera_distance")
-    pixel = float(size)
-    if isinstance(distance, (int, float)) and np.isfinite(heights).any():
+    heights = np.where(np.isfinite(surface.height), surface.height, np.float32(math.nan))
+    files = [surface.record_file, height_file]
+    distance = surface.camera_mm
+    pixel = surface.pixel_mm
+    if distance is not None and np.isfinite(heights).any():
         # Nearer pixels are smaller.
-        pixel *= 1 - float(np.nanmean(heights)) / float(distance)
+        pixel *= 1 - float(np.nanmean(heights)) / distance
     jumps = folder / "jumps.png"
     files += [jumps] if jumps.is_file() else []
     joined = "prior_heights" in metrics
@@ -142,7 +138,7 @@ def read_surface(path: Path, *, scale_sigma: float, max_pixels: int) -> SurfaceI
     blur_px = USUAL_BLUR_PX if blur is None else blur
     spread = _USUAL_SPREAD if blur is None else _SHOWN_SPREAD
     return SurfaceInput(
-        heights_mm=np.where(np.isfinite(heights), heights, np.float32(math.nan)),
+        heights_mm=heights,
         parts=parts,
         resolution=Resolution(pixel, blur_px, spread * blur_px),
         errors=errors,

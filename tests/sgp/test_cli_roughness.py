@@ -100,7 +100,7 @@ def test_bad_input(sgp, result, tmp_path, name):
 def test_heights_in_pixels_are_refused(sgp, result, tmp_path):
     out = tmp_path / "surface"
     sgp("surface", result / "normals", "--out", out).ok()
-    assert "roughness needs millimetres" in sgp("roughness", out).error_line(4)
+    assert "the heights are in pixels" in sgp("roughness", out).error_line(2)
 
 
 def test_parts_are_not_compared(sgp, result, tmp_path):
@@ -139,13 +139,17 @@ def test_islands_and_masks(sgp, result, tmp_path):
     write_mask(tmp_path / "part.png", mask)
     answer = sgp("roughness", result, "--region", tmp_path / "part.png", "--json").figures()
     assert answer["regions"][0]["pixels"] == mask.sum()
-    broken = tmp_path / "broken"
-    (broken / "surface").mkdir(parents=True)
-    for file in (result / "surface").iterdir():
-        (broken / "surface" / file.name).write_bytes(file.read_bytes())
-    heights = read_image(result / "surface" / "height.exr")
-    write_exr(broken / "surface" / "height.exr", np.full_like(heights, np.nan))
-    assert "has no known heights" in sgp("roughness", broken).error_line(4)
+    mask[:] = False
+    mask[0, :2] = True
+    write_mask(tmp_path / "corner.png", mask)
+    line = sgp("roughness", result, "--region", tmp_path / "corner.png").error_line(4)
+    assert "the smallest area is" in line
+
+
+def test_heights_that_have_changed_are_refused(sgp, certain):
+    file = certain / "surface" / "height.exr"
+    write_exr(file, read_image(file) + np.float32(1))
+    assert "height.exr: was changed" in sgp("roughness", certain).error_line(4)
 
 
 @pytest.fixture
