@@ -38,7 +38,6 @@ SURFACES = ("coin", "leather", "textile", "woodcarving", "print", "plaster")
 # The area, pixels from the middle of the image, and samples per pixel of the truth.
 _HALF = 110
 _FINE = 4
-_USUAL_PX = 0.76
 
 
 class Row(NamedTuple):
@@ -73,9 +72,9 @@ def error_model(made: Reconstruction, pixel_mm: float) -> tuple[ErrorModel, Reso
         raise SystemExit("the noise of the recording is not known")
     sigma = np.asarray(made.maps["normal_sigma_deg"][:])
     common = float(np.nanmedian(made.maps["normal_sigma_common_deg"][:]))
-    blur, spread = (made.blur.sigma_px, 0.15) if made.blur.shown else (_USUAL_PX, 0.25)
+    blur = made.blur.sigma_px if made.blur.shown else None
     errors = ErrorModel(NormalErrors(made.normals.normals, sigma, common))
-    return errors, Resolution(pixel_mm, blur, spread * blur)
+    return errors, Resolution.seen(pixel_mm, blur)
 
 
 def recording(job: tuple[str, int], lights_error: float) -> list[Row]:

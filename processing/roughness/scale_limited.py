@@ -22,6 +22,9 @@ _LEAST_PIXELS = 5
 # Nesting indices of the L-filter along the shorter side of an area, as the five sampling lengths of
 # a profile.
 _SECTIONS = 5
+# Blur of a usual lens in focus with the aperture of a pixel, in pixels, and relative standard
+# deviations of it and of a blur that normals show.
+_USUAL_PX, _USUAL_SPREAD, _SHOWN_SPREAD = 0.76, 0.25, 0.15
 # A Gaussian of standard deviation 1 transmits half of a wave of this length.
 _HALF: Final = math.pi * math.sqrt(2 / math.log(2))
 
@@ -43,6 +46,13 @@ class Resolution:
     pixel_mm: float
     blur_px: float = 0.0
     blur_sigma_px: float = 0.0
+
+    @classmethod
+    def seen(cls, pixel_mm: float, blur_px: float | None) -> Resolution:
+        """Return that of a recording whose normals show a blur, or None: a usual lens in focus."""
+        if blur_px is None:
+            return cls(pixel_mm, _USUAL_PX, _USUAL_SPREAD * _USUAL_PX)
+        return cls(pixel_mm, blur_px, _SHOWN_SPREAD * blur_px)
 
     @property
     def lateral_mm(self) -> float:

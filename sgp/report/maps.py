@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 import acquisition
+import processing
 import rig
 from rig.arrays import AnyArray, Bool, Int64
 from sgp.pictures import JUMP_DOWN, Crop
@@ -18,7 +19,7 @@ from sgp.report.folder import ResultFolder, noted
 from sgp.report.kinds import ALBEDO, HEIGHT, MASKS, NUMBERS, VECTORS, quantiser
 from sgp.report.large_maps import Values, known, read_map, read_vectors
 from sgp.report.planes import Plane, Tile, tiles_of
-from sgp.results import USUAL_BLUR_PX, read_record
+from sgp.results import read_record
 
 Read = tuple[str, Values, Bool]
 _MOSTLY: Final = 0.9
@@ -346,7 +347,7 @@ def resolution_of(folder: ResultFolder, maps: Embedded) -> dict[str, Any] | None
         return None
     blur = figures.get("lens_blur_px", _blur_of_normals(folder))
     return {
-        "blur": USUAL_BLUR_PX if blur is None else blur,
+        "blur": processing.roughness.Resolution.seen(1.0, blur).blur_px,
         "origin": [maps.crop.columns.start, maps.crop.rows.start],
         "reduction": maps.crop.step,
     }

@@ -63,7 +63,6 @@ from .output import provenance as provenance
 from .output import stated as stated
 from .output import write_record as write_record
 from .output import writes_folder as writes_folder
-from .quality import USUAL_BLUR_PX as USUAL_BLUR_PX
 from .quality import add_quality as add_quality
 from .quality import add_uncertainty as add_uncertainty
 from .quality import median_of as median_of

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Final, cast
+from typing import cast
 
 import numpy as np
 
@@ -11,9 +11,6 @@ import acquisition
 import processing
 from rig.arrays import Float64
 from sgp.results.stage_metrics import NormalsMetrics, QualityMetrics, SampleShares
-
-# Blur of a usual lens in focus with the aperture of a pixel, in pixels.
-USUAL_BLUR_PX: Final = 0.76
 
 
 def add_quality(metrics: QualityMetrics, quality: processing.checks.ImageQuality) -> None:

@@ -16,13 +16,10 @@ from processing.surface.grid_graph import label_parts
 from rig.arrays import Bool, Float32, Int32
 from sgp.cli.exit import UsageError
 from sgp.pictures.jumps import JUMP_DOWN, JUMP_RIGHT
-from sgp.results import USUAL_BLUR_PX, ResultRecord, input_hashes, sha256
+from sgp.results import ResultRecord, input_hashes, sha256
 from sgp.stages.result_source import NormalsResult, find_normals
 from sgp.stages.sigma_map import read_sigma
 from sgp.stages.surface_export import read_heights
-
-# Relative standard deviations of the blur of a usual lens, and of that which normals show.
-_USUAL_SPREAD, _SHOWN_SPREAD = 0.25, 0.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,12 +132,10 @@ def read_surface(path: Path, *, scale_sigma: float, max_pixels: int) -> SurfaceI
             )
         )
     input_hashes(files)
-    blur_px = USUAL_BLUR_PX if blur is None else blur
-    spread = _USUAL_SPREAD if blur is None else _SHOWN_SPREAD
     return SurfaceInput(
         heights_mm=heights,
         parts=parts,
-        resolution=Resolution(pixel, blur_px, spread * blur_px),
+        resolution=Resolution.seen(pixel, blur),
         errors=errors,
         joined=joined,
         normals=normals,
