@@ -224,13 +224,15 @@ def recorded(
     size: int = SIZE,
     error: float = LIGHT_ERROR,
     stated: bool = False,
+    blur_px: float = 0.7,
 ) -> Reconstruction:
     """Record an object, and process it with lights that deviate from the true ones.
 
-    ``error`` is the relative deviation; the lights state it if they are ``stated``.
+    ``error`` is the relative deviation; the lights state it if they are ``stated``. ``blur_px`` is
+    the standard deviation of the blur by the aberrations of the lens.
     """
     true = dome_lights(lights, seed=11)
-    images, mask = _photographs(surface, paint, true, seed, size)
+    images, mask = _photographs(surface, paint, true, seed, size, blur_px)
     assumed = deviating(true, np.random.default_rng([seed, 2]), error, stated=stated)
     camera = _camera(size)
     recording = Recording("pair", images, assumed, camera, mask, None, None)
@@ -250,12 +252,11 @@ def _camera(size: int) -> CameraModel:
 
 
 def _photographs(
-    surface: Surface, paint: Pattern, lights: Lights, seed: int, size: int
+    surface: Surface, paint: Pattern, lights: Lights, seed: int, size: int, blur_px: float
 ) -> tuple[Float32, Bool]:
     """Return images with the noise of a sensor; a pixel is the mean of 2 x 2 that are rendered."""
-    lens = Lens(
-        _camera(2 * size), sharp=False, psf_sigma_px=1.4, optics=Optics(focal_length_mm=50.0)
-    )
+    optics = Optics(focal_length_mm=50.0)
+    lens = Lens(_camera(2 * size), sharp=False, psf_sigma_px=2 * blur_px, optics=optics)
     sensor = bench_sensor()
     scene = Scene(surface, lights, lens, sensor, 0.42, Painted(paint, surface))
     made = render(scene)

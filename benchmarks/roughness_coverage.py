@@ -38,6 +38,8 @@ SURFACES = ("coin", "leather", "textile", "woodcarving", "print", "plaster")
 # The area, pixels from the middle of the image, and samples per pixel of the truth.
 _HALF = 110
 _FINE = 4
+# Blur by the aberrations of lenses in focus; the program does not know it.
+_BLUR_PX = (0.4, 1.0)
 
 
 class Row(NamedTuple):
@@ -81,8 +83,10 @@ def recording(job: tuple[str, int], lights_error: float) -> list[Row]:
     """Return the parameters of a recording of a surface (name, seed)."""
     name, seed = job
     surface, paint = object_named(name, seed)
-    surface = replace(surface, turn_deg=float(np.random.default_rng(seed).uniform(0, 360)))
-    made = recorded(surface, paint, seed, error=lights_error, stated=True)
+    rng = np.random.default_rng(seed)
+    surface = replace(surface, turn_deg=float(rng.uniform(0, 360)))
+    blur_px = float(rng.uniform(*_BLUR_PX))
+    made = recorded(surface, paint, seed, error=lights_error, stated=True, blur_px=blur_px)
     normals = made.normals
     found = integrate(normals, camera=made.source.camera, discontinuity=False)
     errors, resolution = error_model(made, found.pixel_size)

@@ -122,8 +122,7 @@ class Recording:
             transfer=remedy.transfer,
             without=remedy.without,
         )
-        # The causes are those of the images as they are.
-        return reconstruct(source, align="off", **remedy.keywords)
+        return reconstruct(source, **remedy.keywords)
 
 
 def mask_file(folder: Path) -> Path:

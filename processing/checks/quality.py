@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import cv2
@@ -126,7 +126,7 @@ class ImageQuality:
         causes = [*found.causes, *(_cause(notice) for notice in others)]
         # The causes that an unknown effect makes harmful, too, before smaller ones.
         causes.sort(key=lambda cause: -np.nan_to_num(cause.normals_deg, nan=np.inf))
-        return Verdict(
+        verdict = Verdict(
             tuple(causes),
             sigma_deg=sigma_deg,
             residual=self.residual,
@@ -136,6 +136,12 @@ class ImageQuality:
             not_excluded=found.not_excluded,
             least=found.least,
         )
+        # What does not matter needs no remedy, whose own error may be larger.
+        needed = (
+            cause if cause.matters(verdict.matters_deg) else replace(cause, remedy="")
+            for cause in causes
+        )
+        return replace(verdict, causes=tuple(needed))
 
     def _unexplained_deg(self, sigma_deg: float) -> float:
         """Return what the residual does that causes and reflectance leave; 0 if both are small.

@@ -58,6 +58,8 @@ _PIXELS = 100_000
 # Most rounds of strengths and height, and the change of the height at which they end.
 _ROUNDS, _STATED_ROUNDS = 5, 2
 _SETTLED_MM = 0.5
+# Share 0..1 of the samples of the object: more saturated ones leave too few for some pixels.
+_SATURATED = 0.1
 # A larger one in the last round is refused.
 _UNSETTLED_MM = 5.0
 # Notices about the height that say that images and lights contradict each other.
@@ -333,7 +335,16 @@ class Examination:
 
     def verdict(self, quality: ImageQuality, sigma_deg: float) -> Verdict:
         """Return what is probably wrong; ``sigma_deg`` is stated of the normals, the median."""
-        return quality.verdict(sigma_deg, self._doubts)
+        return quality.verdict(sigma_deg, [*self._doubts, *self._saturated()])
+
+    def _saturated(self) -> list[Notice]:
+        sample = self.sample()
+        share = float(np.isnan(sample.values[:, sample.mask]).mean())
+        text = (
+            f"{share:.0%} of the samples of the object are saturated; record with shorter exposure "
+            "times, or add a shorter bracket"
+        )
+        return [Notice("samples-saturated", text)] if share > _SATURATED else []
 
     def sample(self) -> RowSample:
         """Return some rows of the images."""
