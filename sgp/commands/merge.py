@@ -12,8 +12,11 @@ import acquisition
 import processing
 import rig
 from rig.arrays import Bool
+from sgp.batch import batch_folder
 from sgp.cli.console import with_progress
-from sgp.cli.options import Inputs, Memory, Pixels, distinct
+from sgp.cli.exit import UsageError
+from sgp.cli.options import Inputs, Memory, OptionalInput, Pixels, distinct
+from sgp.commands.batch import batch
 from sgp.results import (
     FieldMetrics,
     FieldPairMetrics,
@@ -28,6 +31,7 @@ from sgp.stages import (
     FieldResult,
     Limit,
     MapOptions,
+    has_normals,
     identity,
     maps_in_files,
     open_fields,
@@ -42,27 +46,35 @@ def merge(
     fields: Inputs,
     *,
     out: Path,
+    recipe: OptionalInput = None,
     maps: MapOptions = MAPS,
     memory: Memory | None = None,
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
 ) -> Result:
-    """Join results of overlapping fields of one object into one.
+    """Join overlapping fields of one object into one.
+
+    Recordings are processed first, as by sgp batch, in a folder next to the result; what is done
+    there is not computed again.
 
     For example:
 
         sgp merge left/ middle/ right/ --out whole
+        sgp merge sessions/* --recipe recipe.toml --out whole
 
     Parameters
     ----------
     fields
-        Folders that sgp normals or sgp run has written, in any order: fields of the same scale that
-        are moved and turned in the plane, and overlap by about 15 %. The whole has the axes of the
-        first.
+        Folders that sgp normals or sgp run has written, or recordings, in any order: fields of the
+        same scale that are moved and turned in the plane, and overlap by about 15 %. The whole has
+        the axes of the first.
     out
         Folder for normals.exr, normals.png, normal_sigma_deg.exr, albedo.exr, albedo.png,
         fields.png (number of fields that show a pixel), merge.png, mask.png and merge.json with the
         place of each field and what is left between them.
+    recipe
+        Recipe of sgp batch (.toml) for fields that are recordings; their results are in the folder
+        OUT-fields.
     maps
         Form of the PNG.
     memory
@@ -75,8 +87,9 @@ def merge(
         Write into an output folder that already contains files.
     """
     distinct(fields)
+    results = _processed(fields, out.with_name(f"{out.name}-fields"), recipe)
     with ExitStack() as opened:
-        given = open_fields(fields, max_pixels, opened)
+        given = open_fields(results, max_pixels, opened)
         rows = tuple(field.rows for field in given)
         placements = with_progress(processing.merging.place_fields)(rows)
         stage = processing.merging.FusionStage(rows, placements)
@@ -93,6 +106,21 @@ def merge(
             result = _written(folder, fused, given, stage, maps)
     result.inputs = files
     return result
+
+
+def _processed(fields: Sequence[Path], folder: Path, recipe: Path | None) -> list[Path]:
+    """Return the results of all fields, after recordings among them were processed in a folder."""
+    recordings = tuple(one for one in fields if not has_normals(one))
+    if not recordings:
+        if recipe is not None:
+            raise UsageError(f"{recipe}: all fields are results already: leave the recipe out")
+        return list(fields)
+    done = batch(recordings, out=folder, recipe=recipe)
+    if not done.ok:
+        raise acquisition.DataError(f"{folder}: {done.summary[0]}")
+    with batch_folder(folder) as states:
+        known = {state.source: name for name, state in states.read_all().items()}
+    return [folder / known[str(one.resolve())] if one in recordings else one for one in fields]
 
 
 @contextmanager

@@ -50,6 +50,11 @@ class NormalsResult:
         return float(found) if isinstance(found, (int, float)) else 0.0
 
 
+def has_normals(path: Path) -> bool:
+    """Return whether a folder is a result with normals."""
+    return any((folder / _RECORD).is_file() for folder in (path / "normals", path))
+
+
 def find_normals(path: Path) -> NormalsResult:
     """Return the normals of a result of ``sgp run``, ``sgp demo`` or ``sgp normals``.
 

@@ -9,9 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition import read_image, write_exr
-from benchmarks.relief_fields import View, relief, seen, write_field
+from acquisition import read_image, write_exr, write_lights, write_png
+from benchmarks.relief_fields import View, relief, seen, true_normals, write_field
+from tests.sgp.conftest import ring_lights
 from tests.sgp.in_bands import CTRL_C, check_equal, interrupted
+from tests.sgp.test_cli_batch import here  # noqa: F401
 
 SIZE = (150, 180)
 VIEWS = (View(130, 120, 0.03), View(255, 115, -0.04), View(128, 228, 1.6), View(250, 222, 3.0))
@@ -96,6 +98,27 @@ def test_fields_that_disagree(sgp, place: Path) -> None:
     assert answer.figures()["pairs"][0]["disagreement"] == pytest.approx(4, rel=0.15)
 
 
+def test_recordings_are_processed_first_and_once(sgp, here, tmp_path, monkeypatch) -> None:  # noqa: F811
+    monkeypatch.chdir(tmp_path)
+    whole, lights = relief((180, 220), 5), ring_lights(8)
+    rows, columns = np.mgrid[:180, :220].astype(float)
+    shading = true_normals(whole, columns, rows) @ lights.unit_directions.T
+    images = np.uint16(60000 * shading.clip(0) * (whole.albedo / whole.albedo.max())[..., None])
+    for name, part in (("left", np.s_[:, :140]), ("right", np.s_[:, 80:])):
+        (tmp_path / name).mkdir()
+        for number in range(8):
+            write_png(tmp_path / name / f"{number}.png", images[part][..., number])
+        write_png(tmp_path / name / "mask.png", np.full((180, 140), 255, np.uint8))
+    write_lights(tmp_path / "lights.json", lights)
+    (tmp_path / "fields.toml").write_text('[run]\nlights = "lights.json"\npixel-mm = 0.1\n')
+    words = ("merge", "left", "right", "--recipe", "fields.toml", "--out", "whole", "--force")
+    first, second = sgp(*words, "--json").figures()["fields"]
+    assert second["column_px"] - first["column_px"] == pytest.approx(80, abs=0.05)
+    answer = sgp(*words)
+    answer.ok()
+    assert "2 results are up to date" in answer.err
+
+
 @pytest.mark.parametrize(
     ("words", "code", "message"),
     [
@@ -103,7 +126,7 @@ def test_fields_that_disagree(sgp, place: Path) -> None:
         ("A B C X", 5, "X shows nothing of what the other fields show"),
         ("A", 4, "give at least two fields"),
         ("A B A", 2, "A is given twice"),
-        ("A B empty", 2, "empty: has neither normals.json"),
+        ("A B --recipe fields.toml", 2, "fields.toml: all fields are results already"),
         ("A B nowhere", 2, "nowhere: no such file or folder"),
         ("A B unscaled", 4, "pixels of 0.05 mm and unscaled of 0.1 mm"),
         ("A B cut", 2, "cut: has no normals.exr"),
@@ -111,11 +134,22 @@ def test_fields_that_disagree(sgp, place: Path) -> None:
     ],
 )
 def test_bad_input(sgp, place: Path, words: str, code: int, message: str) -> None:
-    (place / "empty").mkdir()
+    (place / "fields.toml").touch()
     shutil.copytree(place / "C", place / "cut")
     (place / "cut" / "normals.exr").unlink()
     shutil.copytree(place / "C", place / "unscaled")
     record = place / "unscaled" / "normals.json"
     record.write_text(record.read_text().replace('"pixel_mm": 0.05', '"pixel_mm": 0.1'))
     assert message in sgp("merge", *words.split(), "--out", "out").error_line(code)
+    assert not (place / "out").exists()
+
+
+@pytest.mark.usefixtures("here")
+def test_a_recording_that_fails_ends_the_merge(sgp, place: Path) -> None:
+    (place / "empty").mkdir()
+    answer = sgp("merge", *"AB", "empty", "--out", "out")
+    assert answer.code == 4
+    last = answer.err.splitlines()[-1]
+    assert "out-fields: empty: " in last
+    assert "the folder is empty" in last
     assert not (place / "out").exists()
