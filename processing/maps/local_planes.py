@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -105,33 +106,129 @@ def fit_planes(
     """
     wide = scale_px > _WIDEST_PX
     window = _Window.of_blurred(scale_px) if wide else _Window.direct(scale_px)
-    reach = window.reach
-    # Sums of wide weights are smooth: single precision is enough.
-    kind = np.float32 if wide else values.dtype
-    complete = bool((np.asarray(weights) == 1).all())
-    inside = np.pad(np.asarray(weights, kind), reach)
-    weighted = np.pad(np.where(weights > 0, values, 0).astype(kind, copy=False), reach)
-    weighted *= inside
+    around = _Around(values, weights, np.dtype(np.float32) if wide else values.dtype)
+    complete = bool((weights == 1).all())
+    inside, weighted = around.weights, around.weighted
     if wide:
-        inside = _blurred_ones(inside, reach, scale_px) if complete else blurred(inside, scale_px)
-        weighted = blurred(weighted, scale_px)
-    shape = values.shape
+        # Sums of wide weights are smooth: single precision is enough.
+        inside = (_BlurredOnes if complete else _Blurred)(inside, values.shape, scale_px).part
+        weighted = _Blurred(weighted, values.shape, scale_px).part
+    shape, reach = values.shape, window.reach
     right, up = np.zeros((2, *(shape if slopes else (0, 0))), values.dtype)
     found = Planes(np.zeros(shape, values.dtype), right, up, np.zeros(shape, np.bool_))
     for row, column in product(range(0, shape[0], _BLOCK), range(0, shape[1], _BLOCK)):
-        here = slice(row, row + _BLOCK), slice(column, column + _BLOCK)
-        around = tuple(slice(part.start, part.stop + 2 * reach) for part in here)
+        rows, columns = (
+            slice(first, min(first + _BLOCK, size))
+            for first, size in zip((row, column), shape, strict=True)
+        )
+        wider = tuple(slice(part.start - reach, part.stop + reach) for part in (rows, columns))
         part = _solve(
-            weighted[around].astype(np.float64),
-            inside[around].astype(np.float64),
-            weights[here] > 0,
+            weighted(*wider).astype(np.float64),
+            inside(*wider).astype(np.float64),
+            weights[rows, columns] > 0,
             window,
             slopes=slopes,
         )
         for whole, block in zip(found, part, strict=True):
             if whole.size:
-                whole[here] = block
+                whole[rows, columns] = block
     return found
+
+
+# Returns rows and columns of a map, which may be beyond it.
+_Part = Callable[[slice, slice], Floating]
+
+
+class _Around(NamedTuple):
+    """Parts of a map and its weights, 0 outside."""
+
+    values: Floating
+    mask: Floating | Bool
+    kind: np.dtype[Any]
+
+    def weights(self, rows: slice, columns: slice) -> Floating:
+        return _cut(self.mask, rows, columns).astype(self.kind)
+
+    def weighted(self, rows: slice, columns: slice) -> Floating:
+        weights = self.weights(rows, columns)
+        values = np.where(weights > 0, _cut(self.values, rows, columns), 0)
+        return values.astype(self.kind, copy=False) * weights
+
+
+def _cut(image: AnyArray, rows: slice, columns: slice) -> AnyArray:
+    """Return rows and columns of an image, 0 outside."""
+    parts = [
+        (max(-part.start, 0), max(part.stop - size, 0))
+        for part, size in zip((rows, columns), image.shape, strict=True)
+    ]
+    within = image[max(rows.start, 0) : rows.stop, max(columns.start, 0) : columns.stop]
+    return np.pad(within, parts) if any(map(any, parts)) else within
+
+
+class _Blurred:
+    """An image that is blurred by a wide Gaussian, 0 outside, of which parts are computed.
+
+    Parameters
+    ----------
+    image
+        The image.
+    shape
+        Its height and width.
+    scale_px
+        Standard deviation of the blur.
+    """
+
+    def __init__(self, image: _Part, shape: tuple[int, ...], scale_px: float) -> None:
+        kernel = _Window.direct(_GRID_PX).powers[0]
+        reach = len(kernel) // 2
+        # The windows of `_Window.of_blurred` reach beyond the border by a quarter of the scale.
+        self._edge = edge = 2 * (len(kernel) + math.ceil(scale_px / 4))
+        coarse = np.zeros([(size + 2 * edge + 1) // 2 for size in shape], np.float32)
+        columns = slice(-edge - reach, 2 * coarse.shape[1] - edge + reach)
+        for first in range(0, len(coarse), _BLOCK):
+            last = min(first + _BLOCK, len(coarse))
+            rows = slice(2 * first - edge - reach, 2 * last - edge + reach)
+            fine = _convolved(np.asarray(image(rows, columns), np.float32), kernel)
+            coarse[first:last] = fine[reach:-reach:2, reach:-reach:2]
+        self._left = 4 * blurred(coarse, math.sqrt(scale_px**2 - 2 * _GRID_PX**2) / 2)
+        self._kernel = kernel
+
+    def part(self, rows: slice, columns: slice) -> Float32:
+        """Return some rows and columns."""
+        reach = len(self._kernel) // 2
+        rows, columns = (
+            slice(part.start + self._edge - reach, part.stop + self._edge + reach)
+            for part in (rows, columns)
+        )
+        row, column = rows.start % 2, columns.start % 2
+        spread = np.zeros((rows.stop - rows.start, columns.stop - columns.start), np.float32)
+        spread[row::2, column::2] = _cut(
+            self._left,
+            slice((rows.start + row) // 2, (rows.stop + 1) // 2),
+            slice((columns.start + column) // 2, (columns.stop + 1) // 2),
+        )
+        return _convolved(spread, self._kernel)[reach:-reach, reach:-reach]
+
+
+class _BlurredOnes:
+    """The same of an image of ones."""
+
+    def __init__(self, _: _Part, shape: tuple[int, ...], scale_px: float) -> None:
+        edge = self._edge = math.ceil(scale_px)
+        self._sides = [
+            gaussian_filter1d(
+                np.pad(np.ones(size), edge), scale_px, mode="constant", truncate=_REACH
+            ).astype(np.float32)
+            for size in shape
+        ]
+
+    def part(self, rows: slice, columns: slice) -> Float32:
+        """Return some rows and columns."""
+        down, across = (
+            side[part.start + self._edge : part.stop + self._edge]
+            for side, part in zip(self._sides, (rows, columns), strict=True)
+        )
+        return np.asarray(np.outer(down, across))
 
 
 def _solve(
@@ -170,27 +267,9 @@ def blurred(image: Float32, scale_px: float) -> Float32:
     if scale_px <= _WIDEST_PX:
         window = _Window.direct(scale_px).powers[0]
         return _convolved(image, window)
-    height, width = image.shape
-    kernel = _Window.direct(_GRID_PX).powers[0]
-    edge = len(kernel)
-    edge += edge % 2
-    fine = cv2.copyMakeBorder(image, edge, edge, edge, edge, cv2.BORDER_CONSTANT)
-    coarse = np.ascontiguousarray(_convolved(np.asarray(fine, np.float32), kernel)[::2, ::2])
-    left = math.sqrt(scale_px**2 - 2 * _GRID_PX**2) / 2
-    spread = np.zeros(fine.shape, np.float32)
-    spread[::2, ::2] = 4 * blurred(coarse, left)
-    return _convolved(spread, kernel)[edge : edge + height, edge : edge + width]
-
-
-def _blurred_ones(image: Floating, edge: int, scale_px: float) -> Float32:
-    """Return what `blurred` makes of an image of ones with an edge of zeros."""
-    down, across = (
-        gaussian_filter1d(
-            np.pad(np.ones(size - 2 * edge), edge), scale_px, mode="constant", truncate=_REACH
-        ).astype(np.float32)
-        for size in image.shape
-    )
-    return np.asarray(np.outer(down, across))
+    around = _Around(image, np.broadcast_to(np.True_, image.shape), np.dtype(np.float32))
+    whole = slice(0, image.shape[0]), slice(0, image.shape[1])
+    return _Blurred(around.weighted, image.shape, scale_px).part(*whole)
 
 
 def _convolved(image: Float32, kernel: Float64) -> Float32:

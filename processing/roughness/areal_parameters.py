@@ -91,7 +91,8 @@ def areal_parameters(heights_mm: Floating, pixel_mm: float) -> dict[str, float]:
     values = heights_mm[np.isfinite(heights_mm)]
     # The mean of equal heights may be rounded.
     level = values.mean(dtype=np.float64) if np.ptp(values) > 0 else values[0]
-    values = 1000 * (values - values.dtype.type(level))
+    values -= values.dtype.type(level)
+    values *= 1000
     squares = np.square(values)
     square = float(squares.mean(dtype=np.float64))
     root = math.sqrt(square)

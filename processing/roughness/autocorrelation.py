@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from itertools import pairwise, product
 from typing import NamedTuple
 
 import numpy as np
 from scipy.fft import irfft2, next_fast_len, rfft2
 from scipy.ndimage import map_coordinates
 
-from rig.arrays import Float32, Floating
+from processing.maps.mask import bounding_box
+from rig.arrays import Float32, Float64, Floating, Intp
 
 # The autocorrelation decays to this (ISO 25178-2).
 _DECAY = 0.2
@@ -18,6 +21,8 @@ _MOST_PX = 512
 _DIRECTIONS = 360
 # Fewest pairs of pixels of a shift, relative to all pixels.
 _FEWEST = 0.1
+# Larger areas are divided into tiles of this side, up to twice as large.
+_TILE_PX = 2048
 
 
 class Texture(NamedTuple):
@@ -41,11 +46,10 @@ class Texture(NamedTuple):
 
 def texture(heights: Floating) -> Texture:
     """Return lengths and direction of the texture of ``(H, W)`` heights, NaN outside the area."""
-    rows, columns = (
-        slice(int(at.min()), int(at.max()) + 1) for at in np.nonzero(~np.isnan(heights))
-    )
-    part = heights[rows, columns]
-    part = np.asarray(part - np.nanmean(part), np.float32)
+    known = np.isfinite(heights)
+    within = bounding_box(known)
+    mean = np.mean(heights, dtype=np.float64, where=known)
+    part = np.asarray(heights[within] - heights.dtype.type(mean), np.float32)
     correlation, reach = autocorrelation(part)
     angles = np.arange(_DIRECTIONS) * math.pi / _DIRECTIONS
     lengths = np.arange(0, reach + 0.25, 0.25)
@@ -82,23 +86,46 @@ def autocorrelation(heights: Float32) -> tuple[Float32, int]:
     reach
         R, half of the shorter side at most.
     """
-    known = np.isfinite(heights)
     reach = max(1, min(min(heights.shape) // 2, _MOST_PX))
-    size = tuple(next_fast_len(side + reach, real=True) for side in heights.shape)
-    sums = _shifted_sums(np.where(known, heights, 0), size, reach)
-    pairs = _shifted_sums(known.astype(np.float32), size, reach)
-    enough = pairs > _FEWEST * np.count_nonzero(known)
+    sums, pairs = np.zeros((2, 2 * reach + 1, 2 * reach + 1))
+    for rows, columns in _tiles(heights.shape, _TILE_PX):
+        first = heights[rows, columns]
+        second = heights[max(rows.start - reach, 0) : rows.stop + reach]
+        second = second[:, max(columns.start - reach, 0) : columns.stop + reach]
+        before = min(rows.start, reach), min(columns.start, reach)
+        sums += _products(np.nan_to_num(first), np.nan_to_num(second), before, reach)
+        first, second = (np.isfinite(part).astype(np.float32) for part in (first, second))
+        pairs += _products(first, second, before, reach)
+    enough = pairs > _FEWEST * pairs[reach, reach]
     covariance = np.where(enough, sums / np.maximum(pairs, 1), np.nan)
     return np.asarray(covariance / covariance[reach, reach], np.float32), reach
 
 
-def _shifted_sums(image: Floating, size: tuple[int, ...], reach: int) -> Float32:
-    spectrum = rfft2(np.asarray(image, np.float32), size)
-    power = np.square(spectrum.real) + np.square(spectrum.imag)
-    del spectrum
-    whole = irfft2(power, size)
-    shift = np.arange(-reach, reach + 1)
-    return np.asarray(whole[np.ix_(shift, shift)], np.float32)
+def _tiles(shape: tuple[int, ...], side: int) -> Iterator[tuple[slice, slice]]:
+    """Yield tiles of equal size, of at most twice a side."""
+    counts = [max(1, size // side) for size in shape]
+    edges = [
+        np.linspace(0, size, count + 1).astype(int)
+        for size, count in zip(shape, counts, strict=True)
+    ]
+    for rows, columns in product(*map(pairwise, edges)):
+        yield slice(*map(int, rows)), slice(*map(int, columns))
+
+
+def _products(first: Float32, second: Float32, before: tuple[int, int], reach: int) -> Float64:
+    """Return the sums of ``first[p] second[p + s]`` over p, for shifts s up to the reach.
+
+    ``second`` begins ``before`` the first row and column of ``first``.
+    """
+    size = [
+        next_fast_len(max(a + lead + reach, b), real=True)
+        for a, b, lead in zip(first.shape, second.shape, before, strict=True)
+    ]
+    spectrum = rfft2(second, size)
+    other = spectrum if first.shape == second.shape else rfft2(first, size)
+    whole = irfft2(spectrum * np.conj(other), size)
+    down, right = (lead + np.arange(-reach, reach + 1) for lead in before)
+    return np.asarray(whole[np.ix_(down, right)], np.float64)
 
 
 def _direction(heights: Float32) -> float:
@@ -106,22 +133,17 @@ def _direction(heights: Float32) -> float:
 
     The angular spectrum is the sum of the power along each direction (ISO 25178-2, Std).
     """
-    known = np.isfinite(heights)
-    height, width = heights.shape
-    window = np.outer(np.hanning(height + 2)[1:-1], np.hanning(width + 2)[1:-1])
-    tapered = np.where(known, heights, 0) * window.astype(np.float32)
-    side = next_fast_len(max(height, width), real=True)
-    spectrum = rfft2(tapered, (side, side))
-    power = np.square(np.abs(spectrum))
-    down = np.fft.fftfreq(side)[:, None]
-    right = np.fft.rfftfreq(side)[None]
-    # Y is up; waves at an angle have crests at right angles to it.
-    angle = np.degrees(np.arctan2(-down, right))
-    length = np.hypot(down, right)
-    inside = (length > 0) & (length < 0.5)
-    total = np.bincount(
-        (np.round(angle[inside]).astype(int) + 90) % 180, power[inside], minlength=180
-    )
+    total = np.zeros(180)
+    side = 0
+    for rows, columns in _tiles(heights.shape, _TILE_PX):
+        part = np.nan_to_num(heights[rows, columns])
+        if max(part.shape) > side:
+            side = next_fast_len(max(part.shape), real=True)
+            angle = _angles(side)
+        taper = np.outer(*(np.hanning(size + 2)[1:-1] for size in part.shape))
+        spectrum = rfft2(part * taper.astype(np.float32), (side, side))
+        power = np.square(spectrum.real) + np.square(spectrum.imag)
+        total += np.bincount(angle.ravel(), power.ravel(), minlength=181)[:180]
     # A few degrees are averaged: spectra of rough surfaces scatter.
     around = np.convolve(np.tile(total, 3), np.hanning(9)[1:-1], mode="same")[180:360]
     best = int(np.argmax(around))
@@ -130,3 +152,14 @@ def _direction(heights: Float32) -> float:
     offset = 0.5 * (before - after) / curvature if curvature < 0 else 0.0
     # Waves at -90 degrees, the first one, have crests at 0.
     return float((best + offset + 90) % 180 - 90)
+
+
+def _angles(side: int) -> Intp:
+    """Return the directions of the waves of a spectrum in degrees, 0..179 from -90; else 180."""
+    down = np.fft.fftfreq(side)[:, None]
+    right = np.fft.rfftfreq(side)[None]
+    # Y is up; waves at an angle have crests at right angles to it.
+    angle = np.degrees(np.arctan2(-down, right))
+    length = np.hypot(down, right)
+    inside = (length > 0) & (length < 0.5)
+    return np.where(inside, (np.round(angle).astype(int) + 90) % 180, 180)

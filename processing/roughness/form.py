@@ -10,6 +10,7 @@ from typing import Final, Literal
 import numpy as np
 from scipy.optimize import least_squares
 
+from acquisition.files import rows_in_bands
 from calibration import EstimateError
 from rig import short_repr
 from rig.arrays import Bool, Float64, Floating
@@ -27,6 +28,8 @@ _ROUNDS = 10
 _TUKEY, _NORMAL = 4.685, 1.4826
 # Condition of equations that determine nothing, in single precision.
 _SINGULAR = 1e6
+# Pixels of a band whose sums are computed at once.
+_BAND = 1_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,44 +101,61 @@ def _polynomial(heights: Floating, known: Bool, order: int, robust: bool) -> Flo
         np.polynomial.legendre.legvander(np.linspace(-1, 1, size), order).astype(heights.dtype)
         for size in heights.shape
     )
-    values = np.where(known, heights, 0)
-    weights: Floating = known.astype(heights.dtype)
+    found = np.zeros_like(heights)
+    scale = np.inf
     for _ in range(_ROUNDS if robust else 1):
-        factors = _solved(down, right, values * weights, weights, powers, order)
-        found = down @ factors.astype(heights.dtype) @ right.T
+        equations = _Equations(order)
+        for rows in rows_in_bands(heights.shape[0], heights.shape[1], _BAND):
+            inside = known[rows]
+            values = np.where(inside, heights[rows], 0)
+            weights = _weights(values - found[rows], scale) * inside
+            equations.add(down[rows], right, values, weights.astype(heights.dtype))
+        factors = equations.solved(powers)
+        np.matmul(down @ factors.astype(heights.dtype), right.T, out=found)
         if not robust:
             break
-        deviation = np.abs(values - found)
-        scale = _TUKEY * _NORMAL * float(np.median(deviation[known]))
+        deviation = heights[known]
+        deviation -= found[known]
+        np.abs(deviation, out=deviation)
+        scale = _TUKEY * _NORMAL * float(np.median(deviation, overwrite_input=True))
         if scale == 0:
             break
-        weights = np.where(known, np.maximum(1 - (deviation / scale) ** 2, 0) ** 2, 0)
-    return np.asarray(found, heights.dtype)
+    return found
 
 
-def _solved(
-    down: Floating,
-    right: Floating,
-    weighted: Floating,
-    weights: Floating,
-    powers: list[tuple[int, int]],
-    order: int,
-) -> Float64:
-    """Return the factors of the products of both polynomials, ``(order + 1, order + 1)``."""
-    count = order + 1
-    pairs = [np.einsum("ni,nk->nik", one, one).reshape(len(one), -1) for one in (down, right)]
-    products = (pairs[0].T @ weights @ pairs[1]).reshape(count, count, count, count)
-    normal = np.array([[products[i, j, k, m] for j, m in powers] for i, k in powers], np.float64)
-    if np.linalg.cond(normal) > _SINGULAR:
-        raise EstimateError(
-            f"the known heights do not determine a polynomial of order {order}: they are on few "
-            "lines"
+def _weights(deviation: Floating, scale: float) -> Floating:
+    return np.asarray(np.square(np.maximum(1 - np.square(deviation / scale), 0)))
+
+
+class _Equations:
+    """Normal equations of the factors of the products of two polynomials."""
+
+    def __init__(self, order: int) -> None:
+        self._order, self._count = order, order + 1
+        self._products = np.zeros((self._count**2, self._count**2))
+        self._sums = np.zeros((self._count, self._count))
+
+    def add(self, down: Floating, right: Floating, values: Floating, weights: Floating) -> None:
+        """Add pixels, by the polynomials of their rows and of their columns."""
+        first, second = (
+            np.einsum("ni,nk->nik", one, one).reshape(len(one), -1) for one in (down, right)
         )
-    sums = down.T @ weighted @ right
-    factors = np.zeros((count, count))
-    solution = np.linalg.solve(normal, [float(sums[power]) for power in powers])
-    factors[tuple(np.transpose(powers))] = solution
-    return factors
+        self._products += first.T @ weights @ second
+        self._sums += down.T @ (values * weights) @ right
+
+    def solved(self, powers: list[tuple[int, int]]) -> Float64:
+        """Return the factors, ``(order + 1, order + 1)``."""
+        products = self._products.reshape([self._count] * 4)
+        normal = np.array([[products[i, j, k, m] for j, m in powers] for i, k in powers])
+        if np.linalg.cond(normal) > _SINGULAR:
+            raise EstimateError(
+                f"the known heights do not determine a polynomial of order {self._order}: they are "
+                "on few lines"
+            )
+        factors = np.zeros_like(self._sums)
+        chosen = tuple(np.transpose(powers))
+        factors[chosen] = np.linalg.solve(normal, self._sums[chosen])
+        return factors
 
 
 def _round_form(

@@ -14,6 +14,8 @@ _PEAKS, _HALF = 0.025, 0.5
 _ABOVE_UM = 1.0
 # Places at which the line may begin.
 _PLACES = 2_000
+# Heights whose sums are computed at once.
+_BAND = 1_000_000
 
 
 def material_ratio(ascending_um: Floating, letter: str = "S") -> dict[str, float]:
@@ -48,14 +50,14 @@ def material_ratio(ascending_um: Floating, letter: str = "S") -> dict[str, float
     peaks, dales = above / count, below / count
     area_peaks = float((heights[:above] - top).sum(dtype=np.float64)) / count
     area_dales = float((bottom - heights[below:]).sum(dtype=np.float64)) / count
-    at = np.interp(np.array([_PEAKS, _HALF]) * count - 0.5, np.arange(count), heights)
+    highest, middle = (_at(heights, share * count - 0.5) for share in (_PEAKS, _HALF))
     values = (
         top - bottom,
         2 * area_peaks / peaks if peaks > 0 else 0.0,
         2 * area_dales / (1 - dales) if dales < 1 else 0.0,
         100 * peaks,
         100 * dales,
-        float(at[0] - at[1]),
+        highest - middle,
         100 * (1 - float(np.searchsorted(ascending_um, _ABOVE_UM)) / count),
     )
     return dict(zip((letter + name for name in names), values, strict=True))
@@ -64,7 +66,18 @@ def material_ratio(ascending_um: Floating, letter: str = "S") -> dict[str, float
 def _line(heights: Floating, first: float, step: float) -> tuple[float, float]:
     """Return slope and height at 0 of the line of least squares through evenly spaced heights."""
     count = len(heights)
-    middle = first + step * (count - 1) / 2
-    away = np.arange(count) - (count - 1) / 2
-    slope = float(away @ heights) / (float(away @ away) * step)
-    return slope, float(heights.mean(dtype=np.float64)) - slope * middle
+    middle, mean = first + step * (count - 1) / 2, float(heights.mean(dtype=np.float64))
+    moment = 0.0
+    for at in range(0, count, _BAND):
+        part = heights[at : at + _BAND]
+        moment += float((np.arange(at, at + len(part)) - (count - 1) / 2) @ part)
+    # The sum of the squared distances from the middle is count (count^2 - 1) / 12.
+    slope = moment / (count * (count**2 - 1) / 12 * step)
+    return slope, mean - slope * middle
+
+
+def _at(heights: Floating, place: float) -> float:
+    """Return the height at a place of the curve, by linear interpolation."""
+    first = min(max(int(place), 0), len(heights) - 2)
+    share = min(max(place - first, 0.0), 1.0)
+    return float((1 - share) * heights[first] + share * heights[first + 1])

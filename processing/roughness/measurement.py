@@ -10,6 +10,7 @@ from itertools import product
 import numpy as np
 
 from acquisition import DataError
+from processing.maps.mask import bounding_box
 from processing.roughness.areal_parameters import AREAL, Parameter, areal_parameters
 from processing.roughness.line import Line
 from processing.roughness.profile_parameters import (
@@ -105,7 +106,7 @@ def measure_area(
     if not inside.any():
         raise DataError("the area has no known heights")
     pixel = resolution.pixel_mm
-    rows, columns = (slice(int(at.min()), int(at.max()) + 1) for at in np.nonzero(inside))
+    rows, columns = bounding_box(inside)
     side = pixel * min(rows.stop - rows.start, columns.stop - columns.start)
     chosen = (scales or Scales()).resolved(resolution, side)
     margin = math.ceil(max(chosen.s_mm or 0, chosen.l_mm or 0) / pixel)
@@ -115,37 +116,43 @@ def measure_area(
     )
     heights, within = heights_mm[window], inside[window]
 
+    limited = scale_limited(heights, within, chosen, resolution)
+    values = areal_parameters(limited, pixel)
     cropped = None if errors is None else errors.cropped(window)
-
-    def evaluated(part: Bool, scales: Scales) -> Evaluate:
-        def evaluate(values: Floating, seen: Resolution, other: bool) -> dict[str, float]:
-            limited = scale_limited(values, part, scales, seen, other_fit=other)
-            return areal_parameters(limited, seen.pixel_mm)
-
-        return evaluate
-
     sample = None if cropped is None else _sample(within)
     if sample is None or cropped is None:
+        evaluate = _evaluation(within, chosen)
         found = quantities(
-            evaluated(within, chosen), heights, resolution, cropped, AREAL, on_progress=on_progress
+            evaluate, values, heights, resolution, cropped, AREAL, on_progress=on_progress
         )
     else:
-        part = within[sample]
         long = (chosen.l_mm or 0) / pixel > _SAMPLE_PX / 2
-        scales_of_part = replace(chosen, l_mm=0.0) if long else chosen
+        evaluate = _evaluation(within[sample], replace(chosen, l_mm=0.0) if long else chosen)
         of_part = quantities(
-            evaluated(part, scales_of_part),
+            evaluate,
+            evaluate(heights[sample], resolution, False),
             heights[sample],
             resolution,
             cropped.cropped(sample),
             AREAL,
             on_progress=on_progress,
         )
-        whole = evaluated(within, chosen)(heights, resolution, False)
-        found = {name: _extended(one, whole[name]) for name, one in of_part.items()}
-    limited = np.full(heights_mm.shape, np.nan, heights_mm.dtype)
-    limited[window] = scale_limited(heights, within, chosen, resolution)
+        found = {name: _extended(one, values[name]) for name, one in of_part.items()}
+    if limited.shape != heights_mm.shape:
+        whole = np.full(heights_mm.shape, np.nan, heights_mm.dtype)
+        whole[window] = limited
+        limited = whole
     return Area(_with_doubts(found), chosen, limited, resolution)
+
+
+def _evaluation(area: Bool, scales: Scales) -> Evaluate:
+    """Return what evaluates the parameters of an area."""
+
+    def evaluate(heights: Floating, seen: Resolution, other: bool) -> dict[str, float]:
+        limited = scale_limited(heights, area, scales, seen, other_fit=other)
+        return areal_parameters(limited, seen.pixel_mm)
+
+    return evaluate
 
 
 def _with_doubts(found: Mapping[str, Quantity]) -> dict[str, Quantity]:
@@ -321,8 +328,10 @@ def _along(
         return evaluate(inner.of(values)[None], seen, other)
 
     cropped = None if errors is None else errors.cropped(window)
+    part = heights_mm[window]
+    values = sampled(part, resolution, False)
     found = quantities(
-        sampled, heights_mm[window], resolution, cropped, parameters, on_progress=on_progress
+        sampled, values, part, resolution, cropped, parameters, on_progress=on_progress
     )
     return {name: _doubted(one) for name, one in found.items()}
 

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from acquisition import DataError
+from processing.maps.mask import bounding_box
 from processing.roughness.form import Form, fit_form
 from processing.roughness.gaussian import mean_surface
 from rig.arrays import Bool, Floating
@@ -177,17 +178,21 @@ def scale_limited(
     pixel = resolution.pixel_mm
     margin = math.ceil(max(scales.s_mm, scales.l_mm) / pixel)
     rows, columns = (
-        slice(max(int(at.min()) - margin, 0), int(at.max()) + margin + 1) for at in np.nonzero(area)
+        slice(max(part.start - margin, 0), part.stop + margin) for part in bounding_box(area)
     )
     part, inside = heights_mm[rows, columns], area[rows, columns]
     # Filters lose digits of large heights.
-    part = part - part.dtype.type(np.nanmean(part[inside]))
-    fine = mean_surface(part, scales.s_mm / pixel, removed_px=resolution.blur_px)
-    form = fit_form(fine, pixel, scales.form, robust=scales.robust != other_fit).heights
-    limited = fine - form
+    limited: Floating = part - part.dtype.type(_mean(part, inside & np.isfinite(part)))
+    limited = mean_surface(limited, scales.s_mm / pixel, removed_px=resolution.blur_px)
+    limited -= fit_form(limited, pixel, scales.form, robust=scales.robust != other_fit).heights
     if scales.l_mm > 0:
-        limited = limited - mean_surface(limited, scales.l_mm / pixel, robust=scales.robust)
+        limited -= mean_surface(limited, scales.l_mm / pixel, robust=scales.robust)
+    limited -= limited.dtype.type(_mean(limited, inside & np.isfinite(limited)))
+    limited[~inside] = np.nan
     found = np.full(heights_mm.shape, np.nan, heights_mm.dtype)
-    limited = np.where(inside, limited, np.nan)
-    found[rows, columns] = limited - np.nanmean(limited)
+    found[rows, columns] = limited
     return found
+
+
+def _mean(heights: Floating, where: Bool) -> float:
+    return float(np.mean(heights, dtype=np.float64, where=where))

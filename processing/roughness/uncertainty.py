@@ -100,6 +100,7 @@ class ErrorModel:
 
 def quantities(
     evaluate: Evaluate,
+    found: Mapping[str, float],
     heights_mm: Floating,
     resolution: Resolution,
     errors: ErrorModel | None,
@@ -119,6 +120,8 @@ def quantities(
     ----------
     evaluate
         Returns the parameters of heights.
+    found
+        Those of the given heights.
     heights_mm
         ``(H, W)``, NaN where they are not known.
     resolution
@@ -130,7 +133,6 @@ def quantities(
     on_progress
         Receives the stage ``uncertainty of parameters``.
     """
-    found = evaluate(heights_mm, resolution, False)
     names = list(found)
     start = np.array([found[name] for name in names])
     if errors is None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from acquisition import CameraModel, DataError, MapRows
 from calibration import EstimateError
+from processing.maps.mask import bounding_box
 from processing.maps.normal_map import NormalMap, check_normal_map
 from processing.surface.anchors import anchors, doubts_of_prior, solve_anchored
 from processing.surface.chord_rule import ChordRule
@@ -134,7 +135,7 @@ def integrate(
     relative: Float32 | None = None if rows_of is None else rows_of[:]
     if height_errors and relative is None:
         raise DataError("errors of heights require standard deviations of the normals")
-    window = _bounding_box(normal_map.mask)
+    window = bounding_box(normal_map.mask)
     common = _common(common_sigma_deg, normal_map.size)[window]
     # A kernel is compiled for each layout of its arguments: all windows have the same one.
     normals = np.ascontiguousarray(normal_map.normals[window])
@@ -278,8 +279,3 @@ def _nothing_to_integrate(inside: Bool, size: tuple[int, int]) -> EstimateError:
             "nothing to integrate: use a larger map, or check its mask"
         )
     return nothing_faces()
-
-
-def _bounding_box(mask: Bool) -> tuple[slice, slice]:
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)

@@ -11,6 +11,7 @@ import numpy as np
 import acquisition
 import calibration
 import rig
+from processing.maps.mask import bounding_box
 from processing.roughness import (
     Form,
     Line,
@@ -157,9 +158,8 @@ def _area(
         )
     except (acquisition.DataError, calibration.EstimateError) as error:
         raise type(error)(f"region {area.name}: {error}") from error
-    rows, columns = np.nonzero(inside)
-    ends = columns.min(), rows.min(), np.ptp(columns) + 1, np.ptp(rows) + 1
-    place = ",".join(map(str, ends))
+    rows, columns = bounding_box(inside)
+    place = f"{columns.start},{rows.start},{columns.stop - columns.start},{rows.stop - rows.start}"
     return Measured(area.name, "area", place, found.heights_mm, found.quantities, found.scales)
 
 

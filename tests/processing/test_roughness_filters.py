@@ -35,6 +35,14 @@ def test_planes_are_exact_up_to_masks(scale, kind):
     assert not found.value[~found.known].any()
 
 
+def test_wide_planes_are_exact_across_blocks():
+    y, x = np.mgrid[:600, :560].astype(np.float32)
+    mask = (x - 280) ** 2 + (y - 300) ** 2 < 270**2
+    found = fit_planes(np.where(mask, 0.03 * x - 0.02 * y, np.nan), mask, 250.0)
+    assert found.known[mask].all()
+    np.testing.assert_allclose(found.value[mask], (0.03 * x - 0.02 * y)[mask], atol=4e-3)
+
+
 @pytest.mark.parametrize("scale", [2.0, 7.0, 20.0, 45.0])
 def test_blurs_on_coarser_grids(scale):
     image = np.random.default_rng(1).standard_normal(X.shape).astype(np.float32)

@@ -316,7 +316,7 @@ def test_a_parameter_that_errors_make_undefined_has_no_uncertainty():
     def evaluate(heights, seen, other):
         return {"Sq": 1.0 if np.array_equal(heights, z) else math.nan}
 
-    found = quantities(evaluate, z, SHARP, errors, AREAL)["Sq"]
+    found = quantities(evaluate, evaluate(z, SHARP, False), z, SHARP, errors, AREAL)["Sq"]
     assert (found.value, math.isnan(found.sigma), found.budget) == (1.0, True, {})
     assert "undefined" in found.doubts[0]
 
