@@ -22,7 +22,7 @@ demo: $(STAMP)
 test: $(STAMP)
 	@$(MAKE) --no-print-directory --jobs=2 --keep-going lint quick
 
-# All but the long tests.
+# All but the long tests. A file stays with one worker: its tests share fixtures.
 quick: $(STAMP)
 	$(BIN)/pytest -m "not slow" -n $(WORKERS) --dist loadfile $(PYTEST_ARGS)
 

@@ -7,7 +7,8 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 
 # Before numpy and numba are imported, and for programs that tests start: threads that wait actively
-# would take the cores from the other workers.
+# would take the cores from the other workers. Kernels of this project keep their threads, so that
+# faults of parallel code are found.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 

@@ -5,6 +5,9 @@ compile. As soon as numba is loaded, the kernels of this project get a cache tha
 a folder of the user among the temporary files, and that never ends the work: a kernel that cannot
 be kept or read back is compiled. A version of numba that is built in another way keeps its own
 behaviour.
+
+NUMBA_CACHE_DIR would move the kernels of other packages, too, and has no third place; a wrapper
+around `njit` could be forgotten.
 """
 
 from __future__ import annotations

@@ -220,6 +220,7 @@ def import_(
     max_pixels
         Refuse images with more pixels than this, before decoding them.
     """
+    # Files that exist may be from someone else, so the configured operator counts only in a watch.
     operator_name = chosen_operator(operator) if watch else operator or ""
     labels = acquisition.Labels(operator_name, object_name, place, notes, rights)
     of_import = {
