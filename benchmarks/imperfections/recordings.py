@@ -122,7 +122,8 @@ class Recording:
             transfer=remedy.transfer,
             without=remedy.without,
         )
-        return reconstruct(source, **remedy.keywords)
+        # The causes are those of the images as they are.
+        return reconstruct(source, align="off", **remedy.keywords)
 
 
 def mask_file(folder: Path) -> Path:
