@@ -98,7 +98,9 @@ def find_alignment(
         if not found.significant(least_px).any() or not (forced or found.real):
             return nothing
     shifts = before + found.shifts_px
-    shifts -= np.median(shifts, axis=0)
+    # The image in the middle stays where it is, and with it those before or after a bump.
+    between = np.linalg.norm(shifts[:, None] - shifts, axis=2)
+    shifts -= shifts[np.argmin(between.sum(axis=1))]
     moved = np.hypot(*shifts.T) > _LEFT_PX
     by_name = {
         name: (right, down)

@@ -207,6 +207,17 @@ def test_a_moved_camera_is_corrected_by_default(folder: Path) -> None:
     assert error_deg(folder, "off", expected=False) > 1.5 * still
 
 
+def test_after_a_bump_half_of_the_images_stay_where_they_are(tmp_path: Path) -> None:
+    images, _, mask = relief(steep=2.0)
+    shifts = np.repeat([[0.0, 0.0], [1.6, -0.7]], COUNT // 2, axis=0)
+    write_mask(tmp_path / "mask.png", mask)
+    folder = written(tmp_path / "bumped", moved(images, shifts))
+    source = read_source(folder, lights=LIGHTS, mask_path=tmp_path / "mask.png")
+    back = reconstruct(source, surface=False).source.shifts_px
+    assert set(back) in ({*source.light_ids[:4]}, {*source.light_ids[4:]})
+    np.testing.assert_allclose(np.abs([*back.values()]), [[1.6, 0.7]] * 4, atol=0.05)
+
+
 def test_images_that_stand_still_give_the_same_result(folder: Path) -> None:
     mask = folder.parent / "mask.png"
     source = read_source(folder.parent / "still", lights=LIGHTS, mask_path=mask)
