@@ -18,7 +18,7 @@ BUDGET = {
     "rig": (4250, 48, 69),
     "acquisition": (15900, 66, 158),
     "calibration": (10730, 30, 90),
-    "processing": (26860, 65, 245),
+    "processing": (27080, 65, 246),
     "simulator": (9050, 28, 77),
     "sgp": (18460, 0, 177),
 }

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from acquisition import DataError
+from processing.surface.drift import Drift
 from processing.surface.grid_graph import apply_laplacian
 from processing.surface.multigrid import Solution, diagonal_of, solve
 from processing.surface.multigrid_kernels import add_anchors
@@ -54,6 +55,13 @@ class Anchors:
         """``(H+2, W+2)`` standard deviations of the heights, infinite where they are not known."""
         with np.errstate(divide="ignore"):
             return np.asarray(np.sqrt(self.variance / self.weights.astype(np.float64)), np.float64)
+
+    @property
+    def reliability(self) -> Float64:
+        """``(H+2, W+2)`` reciprocal variances of differences to a surface without known heights."""
+        # Of a large grid: the variance of its Green's function by independent errors of the steps.
+        surface = self.variance * (np.log(max(self.weights.shape)) + 1.6) / (2 * np.pi)
+        return np.asarray(1 / (np.square(self.spread) + surface), np.float64)
 
     @property
     def load(self) -> Float64:
@@ -128,11 +136,12 @@ def solve_anchored(
     *,
     leave_out: bool,
     on_progress: Progress = no_progress,
-) -> tuple[Solution, Float64, Anchors]:
+) -> tuple[Solution, Float64, Anchors, tuple[Drift, Float64] | None]:
     """Solve L u = b with and without anchors.
 
-    The surface without anchors is moved to them, part by part; the change that remains is small and
-    smooth, and its residual is not dominated by fixed heights.
+    The surface without anchors is moved to them, part by part; if they show that it drifts, it is
+    tilted and bent, and so are its steps. The change that remains is small and smooth, and its
+    residual is not dominated by fixed heights.
 
     Parameters
     ----------
@@ -153,12 +162,15 @@ def solve_anchored(
         ``(H+2, W+2)`` solution without them, moved to their mean in each part that has any.
     held
         The known heights that were used.
+    drift
+        How the surface drifts from them, and the drift ``(H+2, W+2)``; None if it does not.
     """
     first = solve(right, down, b, on_progress=on_progress)
+    off = np.where(held.weights > 0, held.target - first.u, np.nan)
     if leave_out:
-        off = np.where(held.weights > 0, held.target - first.u, np.nan)
         outliers = prior_outliers(off, held.spread, labels)
         held = replace(held, weights=np.where(outliers, np.float32(0), held.weights))
+        off[outliers] = np.nan
     inside = labels >= 0
     members, weights = labels[inside], held.weights[inside].astype(np.float64)
     sums = np.bincount(members, weights * (held.target - first.u)[inside])
@@ -166,6 +178,14 @@ def solve_anchored(
     free = first.u.copy()
     free[inside] += np.divide(sums, totals, out=np.zeros_like(sums), where=totals > 0)[members]
     product = np.zeros_like(b)
+    # Heights of another unit or sign are no evidence of a drift.
+    drift = None if _doubtful(held, free) else Drift.found(off, held.reliability, labels)
+    u = free.copy()
+    if drift is not None:
+        bend = drift.of(off)
+        u = np.where(bend == 0, free, first.u + bend)
+        apply_laplacian(right, down, bend, product)
+        b = b + product
     load = b + held.load
 
     def residual(u: Float64) -> Float64:
@@ -173,7 +193,6 @@ def solve_anchored(
         held.add(u, product)
         return np.asarray(load - product, np.float64)
 
-    u = free.copy()
     fixed = held.weights > 0
     diagonal = diagonal_of(right, down, held.weights)
     u[fixed] += residual(u)[fixed] / diagonal[fixed]
@@ -188,6 +207,7 @@ def solve_anchored(
         ),
         free,
         held,
+        None if drift is None else (drift, bend),
     )
 
 
@@ -237,6 +257,21 @@ def doubts_of_prior(
         )
         doubts.append(Notice("prior-missed", text, "", "info"))
     return [*notices, *doubts]
+
+
+def drift_notice(drift: Float64, labels: Int32, scale: Scale) -> Notice:
+    """Return the notice about a drift ``(H+2, W+2)`` that was removed from the surface."""
+    inside = labels >= 0
+    size = scale.pixel_size if scale.distance is None else scale.distance
+    along = np.diff(drift, axis=1)[inside[:, 1:] & inside[:, :-1]]
+    down = np.diff(drift, axis=0)[inside[1:] & inside[:-1]]
+    slope = scale.step_px * np.sqrt(np.mean(along**2) + np.mean(down**2))
+    text = (
+        f"the known heights show that the surface drifts by up to "
+        f"{size * np.ptp(drift[inside]):.3g} {scale.unit}, as if all normals were turned by "
+        f"{np.degrees(np.arctan(slope)):.2g} deg: this was removed"
+    )
+    return Notice("prior-drift", text, severity="info")
 
 
 def _doubtful(held: Anchors, free: Float64) -> list[Notice]:

@@ -9,7 +9,8 @@ import numpy as np
 
 from processing.surface.anchors import Anchors
 from processing.surface.chord_rule import ChordRule
-from processing.surface.grid_graph import divergence
+from processing.surface.drift import Drift
+from processing.surface.grid_graph import apply_laplacian, divergence
 from processing.surface.multigrid import coarsened, solve
 from rig import Progress, short_repr
 from rig.arrays import Bool, Float32, Float64, Int32, Intp
@@ -67,6 +68,7 @@ def simulate_errors(
     common_deg: Float32,
     variance: float,
     held: Anchors | None,
+    drift: Drift | None,
     guesses: tuple[Int32, Float64] | None,
     on_progress: Progress,
 ) -> HeightUncertainty:
@@ -97,6 +99,8 @@ def simulate_errors(
         Variance of a normal for the weights of known heights, in rad^2.
     held
         Known heights, which have errors of their own.
+    drift
+        How the surface drifts from them; None if it does not.
     guesses
         ``(H, W)`` pieces whose heights are guesses, -1 elsewhere, and the standard deviation of
         each, for a surface with jumps.
@@ -113,7 +117,7 @@ def simulate_errors(
     free = np.ones(count)
     held_weights = None
     if held is not None:
-        held_weights = held.weights
+        held_weights, known = held.weights, held.weights > 0
         free[labels[held.weights > 0]] = 0
         # Of a prior, in the unit of the load of the right-hand side.
         loads = np.sqrt(held.weights * (variance / rule.step_px**2))
@@ -121,6 +125,7 @@ def simulate_errors(
     pairs = _Pairs(labels[1:-1, 1:-1])
     error = np.full(mask.shape, np.nan)
     levels = coarsened(*weights, held_weights)
+    own_levels = None if drift is None else coarsened(*weights, None)
     turns = _shared_turns()
     for sample in range(_SAMPLES):
         rng = np.random.default_rng([_SEED, sample])
@@ -133,7 +138,14 @@ def simulate_errors(
         change_down = np.where(down > 0, moved_down - steps[1], 0)
         b = divergence(*weights, change_right, change_down)
         if held is not None:
-            b += loads * rng.standard_normal(b.shape)
+            errors = loads * rng.standard_normal(b.shape)
+            if drift is not None:
+                unheld = solve(*weights, b, levels=own_levels, tolerance=_TOLERANCE).u
+                off = np.where(known, errors / np.where(known, held.weights, 1) - unheld, np.nan)
+                bend = np.zeros_like(b)
+                apply_laplacian(*weights, drift.of(off), bend)
+                b += bend
+            b += errors
         u = solve(*weights, b, anchors=held_weights, levels=levels, tolerance=_TOLERANCE).u
         if guesses is not None:
             # The last one is for the pixels without a guess.

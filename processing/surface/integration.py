@@ -10,7 +10,7 @@ from acquisition import CameraModel, DataError, MapRows
 from calibration import EstimateError
 from processing.maps.mask import bounding_box
 from processing.maps.normal_map import NormalMap, check_normal_map
-from processing.surface.anchors import anchors, doubts_of_prior, solve_anchored
+from processing.surface.anchors import anchors, doubts_of_prior, drift_notice, solve_anchored
 from processing.surface.chord_rule import ChordRule
 from processing.surface.consistency import StepAngles, consistency_warning, some_steps
 from processing.surface.edge_certainty import certainties, variances
@@ -166,10 +166,10 @@ def integrate(
     if not height_errors:
         del normals
     del chords, right, down, step_right, step_down, steps
-    jumps = free = None
+    jumps = free = drift = None
     if held is not None:
         # Jumps that the normals do not show look like errors of known heights.
-        solution, free, held = solve_anchored(
+        solution, free, held, drift = solve_anchored(
             *weights, b, labels, held, leave_out=problem is None, on_progress=on_progress
         )
     elif not discontinuity:
@@ -178,6 +178,8 @@ def integrate(
     if problem is not None:
         if held is not None:
             problem = problem.held_at(held, solution.u)
+        if drift is not None:
+            problem = problem.bent(drift[1])
         jumping, jumps, own_weights = problem.solved(on_progress)
         if discontinuity or problem.improves(jumping.u, solution.u):
             solution, weights = jumping, own_weights
@@ -225,6 +227,7 @@ def integrate(
             common_deg=common,
             variance=variance,
             held=held,
+            drift=None if drift is None else drift[0],
             guesses=guesses,
             on_progress=on_progress,
         ).placed(window, normal_map.size)
@@ -240,6 +243,8 @@ def integrate(
         used = np.zeros_like(mask)
         used[window] = held.weights[1:-1, 1:-1] > 0
         notices += doubts_of_prior(prior, height, scale.unit, held, used, free)
+        if drift is not None:
+            notices.append(drift_notice(drift[1], labels, scale))
     return HeightMap(
         maps=maps,
         mask=mask,

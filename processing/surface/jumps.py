@@ -136,6 +136,8 @@ class JumpProblem:
         The normals, as steps between pixels.
     evidence
         What they say about jumps.
+    bend
+        ``(H+2, W+2)`` surface that was added to that of the normals, see `bent`.
     """
 
     normals: Float32
@@ -143,6 +145,7 @@ class JumpProblem:
     chords: ChordRule
     alternation: Alternation
     evidence: JumpEvidence
+    bend: Float64 | None = None
 
     @classmethod
     def of(
@@ -193,6 +196,15 @@ class JumpProblem:
     def held_at(self, held: Anchors, start: Float64) -> JumpProblem:
         """Return the problem with known heights and a first surface."""
         return replace(self, alternation=replace(self.alternation, held=held, start=start))
+
+    def bent(self, bend: Float64) -> JumpProblem:
+        """Return the problem with a surface ``(H+2, W+2)`` added to that of the normals."""
+        right, down, *steps = self.alternation.edges
+        to_right, to_down = (step.copy() for step in steps)
+        to_right[:, :-1] += np.where(right[:, :-1] > 0, np.diff(bend, axis=1), 0)
+        to_down[:-1] += np.where(down[:-1] > 0, np.diff(bend, axis=0), 0)
+        edges = right, down, to_right, to_down
+        return replace(self, alternation=replace(self.alternation, edges=edges), bend=bend)
 
     def contradiction(self, u: Float64) -> float:
         """Return about the weight of the edges that a surface contradicts by half a pixel."""
@@ -336,7 +348,11 @@ class JumpProblem:
             for values, count in ((problem.held.load, known), (problem.start, 4))
         )
         held = replace(problem.held, weights=np.pad(weights, 1), target=target)
-        return half.held_at(held, start)
+        half = half.held_at(held, start)
+        if self.bend is None:
+            return half
+        bend = _sums(self.bend[1:-1, 1:-1]) / (4 * self.chords.halving)
+        return half.bent(np.pad(bend, 1))
 
     def _refined(self, coarse: Float64) -> Float64:
         """Return the surface of the complete map from that of half the size."""

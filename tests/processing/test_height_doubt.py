@@ -155,7 +155,7 @@ def test_heights_in_another_unit_are_reported(factor: float, text: str) -> None:
     normals = scene.noisy(np.ones_like(heights), 1)
     found = integrate(normals, prior=HeightPrior.from_map(heights, 1.0, (48, 48)))
     codes = [notice.code for notice in found.warnings]
-    assert codes == (["prior-doubtful"] if text else [])
+    assert codes == (["prior-doubtful"] if text else ["prior-drift"])
     assert text in "".join(notice.text for notice in found.warnings)
 
 
