@@ -75,7 +75,8 @@ def surface(
     prior
         Known heights in the unit of the surface, with a camera above the working plane: a table
         (.csv) with columns x_px,y_px,height_mm and optionally sigma_mm, or a map (.exr, .npy,
-        .tif) of floats, NaN where unknown, of the size of the normals or coarser.
+        .tif) of floats, NaN where unknown, of the size of the normals or coarser. Four heights or
+        more also remove a tilt that all normals have in common, seven or more a bend.
     prior_sigma
         Standard deviation of each known height in mm, or in pixels if the scale is not known; a
         small one fixes heights; default: the size of a pixel.
