@@ -140,7 +140,7 @@ def small(monkeypatch) -> None:
         (bench, "_QUICK_RANDOM", 2),
         (superres_maps, "_QUICK_PX", 128),
         (superres_peers, "SIDE_PX", 128),
-        (superres_peers, "_SEEDS", range(1000, 1002)),
+        (superres_peers, "_SEEDS", range(1000, 1001)),
         (superres_peers, "_HELD_OUT_PX", 96),
     ):
         monkeypatch.setattr(module, name, value)

@@ -49,10 +49,10 @@ def check_curve(path: Path, rms: float) -> None:
     assert np.std(smoothed - target) < np.std(target)
 
 
-def read_tables(folder: Path) -> tuple[dict, str]:
-    """Return the tables of properties and of transfers, and their text."""
+def read_tables(folder: Path, *groups: str) -> tuple[dict, str]:
+    """Return the tables of groups, and their text."""
     made, text = {}, ""
-    for group in ("properties", "transfer"):
+    for group in groups:
         made |= json.loads((folder / group / "tables.json").read_text(encoding="utf-8"))
         text += (folder / group / "tables.md").read_text(encoding="utf-8")
     return made, text
@@ -235,7 +235,7 @@ def test_without_data_the_tables_are_simulated_and_say_so(tmp_path, monkeypatch,
     assert "warning: SGP_DATA is not set" in said
     assert "note: --quick" in said
     assert "cloth (simulated)" in said
-    made, text = read_tables(tmp_path)
+    made, text = read_tables(tmp_path, "properties", "transfer")
     assert set(made) == {
         "shape_similarity", "separability", "idempotence", "cross_exchange", "resolution",
         "resolution_spread", "headline", "height_profile",
@@ -259,10 +259,9 @@ def test_without_data_the_tables_are_simulated_and_say_so(tmp_path, monkeypatch,
 @pytest.mark.timeout(900)
 @pytest.mark.usefixtures("small")
 @pytest.mark.slow
-def test_with_data_every_table_is_there(tmp_path):
-    for group in ("properties", "transfer"):
-        assert command.main(["--out", str(tmp_path), "--quick", "--table", group]) == 0
-    made, text = read_tables(tmp_path)
+def test_with_data_every_table_of_transfers_is_there(tmp_path):
+    assert command.main(["--out", str(tmp_path), "--quick", "--table", "transfer"]) == 0
+    made, text = read_tables(tmp_path, "transfer")
     check(made, text)
     for key in ("diligent", "diligent_owl"):
         assert made[key]["columns"] == list(DILIGENT)
@@ -279,10 +278,6 @@ def test_with_data_every_table_is_there(tmp_path):
     variants = made["diligent_variants"]["rows"]
     assert variants["owl, order 8 (default): detail error, deg"][-1] <= 1.7
     assert variants["plant, order 8 (default): shape error, deg"][-1] <= 2.8
-    idempotence = made["idempotence"]["rows"]["order 2, filter of order 8"]
-    assert idempotence[made["idempotence"]["columns"].index("owl")] >= 0.9996
-    chain = made["chain"]["rows"]["detail to original, deg, order 8"]
-    assert chain[-1] >= chain[0]
     inputs = read_record(tmp_path / "transfer" / "bench.json").inputs
     names = {Path(name).relative_to(os.environ["SGP_DATA"]).parts[0] for name in inputs}
     assert names == {"meshes", "normals", "reliefs"}

@@ -273,7 +273,7 @@ def test_the_plan_is_edited_and_metered(page: Page) -> None:
     page.browser.value("document.querySelector('#plan textarea').select()")
     page.browser.call("Input.insertText", text='leds = "0-9"')
     page.shows("#plan .said", "exposures_us")
-    assert page.browser.value("document.querySelector('#plan .said.error') !== null")
+    page.browser.until("document.querySelector('#plan .said.error') !== null")
     page.browser.value("document.querySelector('#plan textarea').select()")
     page.browser.call("Input.insertText", text='leds = "0-3"\nexposures_us = [20000.0]\n')
     page.shows("#plan .said", "6 shots")

@@ -110,8 +110,8 @@ def test_a_folder_that_a_killed_program_created_becomes_durable(tmp_path: Path) 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["host:power-loss", "program:SIGKILL", "program:SIGTERM"])
-def test_an_end_at_every_eighth_step_is_survived(kind: str) -> None:
-    for step in range(100, 1000, 8):
+def test_an_end_at_every_sixteenth_step_is_survived(kind: str) -> None:
+    for step in range(100, 1000, 16):
         outcome = run(Schedule(step, (Event(step, kind),)))
         assert outcome.violations == (), step
 
