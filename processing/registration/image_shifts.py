@@ -172,12 +172,8 @@ def find_image_shifts(
         raise EstimateError("the object is too thin to find shifts of its images")
     if least_px > 0:
         tiles = _tiles_of(images, mask, corners, side, still, vectors_at)
-        looks = [first_look(one) for one in (level(coarsest), level(1), tiles)]
-        moved = [
-            np.abs(look.step).max() > most and _real(look.gain, float(np.abs(look.step).max()))
-            for look, most in zip(looks, (_STILL, _STILL, least_px), strict=True)
-        ]
-        if not any(moved):
+        scales = [(level(coarsest >> n), _STILL) for n in range(coarsest.bit_length())]
+        if not any(_moves(*one) for one in [*scales, (tiles, least_px)]):
             return ImageShifts(still, np.full((count, 2), least_px), 1.0, 1.0, 0.0, math.sqrt(area))
     by_energy = structure_shifts(blocks) * first
     shifts, size = by_energy, coarsest
@@ -203,6 +199,13 @@ def find_image_shifts(
         fit.gain(unmoved),
         math.sqrt(area),
     )
+
+
+def _moves(patches: Patches, least: float) -> bool:
+    """Return whether a first look shows steps above the least one, in pixels of the patches."""
+    look = first_look(patches)
+    step = float(np.abs(look.step).max())
+    return step > least and _real(look.gain, step)
 
 
 def _real(gain: float, largest_px: float) -> bool:

@@ -95,6 +95,20 @@ def test_a_first_look_at_images_that_stand_still_is_enough() -> None:
     assert np.allclose(found.shifts_px[2], (0.4, 0.0), atol=0.03)
 
 
+@pytest.mark.parametrize("bump", [1.0, 4.0, 6.0])
+def test_a_first_look_sees_bumps_of_every_size(bump: float) -> None:
+    """Half of the images are bumped; their structure is between the finest and coarsest scale."""
+    rng = np.random.default_rng(5)
+    paint = cv2.GaussianBlur(rng.normal(size=(260, 260)), (0, 0), 2.5)
+    paint = np.asarray(0.6 + 0.1 * paint / paint.std(), np.float32)
+    mask = np.zeros(paint.shape, bool)
+    mask[20:-20, 20:-20] = True
+    true = np.repeat([[0.0, 0.0], [bump, 0.0]], COUNT // 2, axis=0)
+    seen = moved(np.stack([paint * np.float32(light[2]) for light in UNIT]), true)
+    found = find_image_shifts(seen, mask, at, least_px=0.1)
+    assert np.ptp(found.shifts_px[:, 0]) == pytest.approx(bump, abs=0.1)
+
+
 def test_missing_samples_do_not_matter() -> None:
     images, _, mask = relief()
     true = drawn(2.0, 6)
