@@ -115,12 +115,20 @@ def _processed(fields: Sequence[Path], folder: Path, recipe: Path | None) -> lis
         if recipe is not None:
             raise UsageError(f"{recipe}: all fields are results already: leave the recipe out")
         return list(fields)
-    done = batch(recordings, out=folder, recipe=recipe)
-    if not done.ok:
-        raise acquisition.DataError(f"{folder}: {done.summary[0]}")
+    batch(recordings, out=folder, recipe=recipe)
     with batch_folder(folder) as states:
-        known = {state.source: name for name, state in states.read_all().items()}
-    return [folder / known[str(one.resolve())] if one in recordings else one for one in fields]
+        known = {state.source: (name, state.error) for name, state in states.read_all().items()}
+    results = []
+    for one in fields:
+        if one not in recordings:
+            results.append(one)
+            continue
+        name, error = known[str(one.resolve())]
+        if error is not None:
+            log = folder / "state" / f"{name}.log"
+            raise acquisition.DataError(f"{one} cannot be processed: {error} (log: {log})")
+        results.append(folder / name)
+    return results
 
 
 @contextmanager

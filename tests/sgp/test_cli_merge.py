@@ -150,6 +150,6 @@ def test_a_recording_that_fails_ends_the_merge(sgp, place: Path) -> None:
     answer = sgp("merge", *"AB", "empty", "--out", "out")
     assert answer.code == 4
     last = answer.err.splitlines()[-1]
-    assert "out-fields: empty: " in last
+    assert "empty cannot be processed: " in last
     assert "the folder is empty" in last
     assert not (place / "out").exists()
