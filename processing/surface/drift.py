@@ -17,8 +17,9 @@ from rig.arrays import Float64, Int32, Int64
 # Terms of a mean, a plane and a quadratic surface.
 _TERMS: Final = (1, 3, 6)
 # A higher order predicts each known height from the others to this share of the deviation that the
-# lower one leaves: errors without a pattern leave more than half, a step leaves half of a plane.
-_CLEARLY: Final = 1 / 3
+# lower one leaves. Errors without a pattern leave more than half; a step leaves a quarter if all
+# heights are far from it.
+_CLEARLY: Final = 0.2
 
 
 @dataclass(frozen=True, eq=False)

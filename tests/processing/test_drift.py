@@ -75,6 +75,7 @@ def test_errors_of_heights_follow_the_correction() -> None:
         "bowl": (lambda x, y: x * x + y * y, 6),
         "step": (lambda x, y: np.sign(x), 1),
         "noise": (lambda x, y: 0 * x, 1),
+        "step far away": (lambda x, y: np.where(np.abs(x) > 0.4, np.sign(x), np.nan), 1),
     },
 )
 def test_the_order_is_that_of_the_differences(off: object, terms: int) -> None:
