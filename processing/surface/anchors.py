@@ -57,13 +57,6 @@ class Anchors:
             return np.asarray(np.sqrt(self.variance / self.weights.astype(np.float64)), np.float64)
 
     @property
-    def reliability(self) -> Float64:
-        """``(H+2, W+2)`` reciprocal variances of differences to a surface without known heights."""
-        # Of a large grid: the variance of its Green's function by independent errors of the steps.
-        surface = self.variance * (np.log(max(self.weights.shape)) + 1.6) / (2 * np.pi)
-        return np.asarray(1 / (np.square(self.spread) + surface), np.float64)
-
-    @property
     def load(self) -> Float64:
         """What they add to the right-hand side."""
         return self.weights * self.target
@@ -179,7 +172,7 @@ def solve_anchored(
     free[inside] += np.divide(sums, totals, out=np.zeros_like(sums), where=totals > 0)[members]
     product = np.zeros_like(b)
     # Heights of another unit or sign are no evidence of a drift.
-    drift = None if _doubtful(held, free) else Drift.found(off, held.reliability, labels)
+    drift = None if _doubtful(held, free) else Drift.found(off, held.weights, labels)
     u = free.copy()
     if drift is not None:
         bend = drift.of(off)

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from rig.arrays import Float64, Int32, Int64
+from rig.arrays import Bool, Float32, Float64, Int32, Int64
 
 # Terms of a mean, a plane and a quadratic surface.
 _TERMS: Final = (1, 3, 6)
@@ -31,17 +31,17 @@ class Drift:
     labels
         ``(H, W)`` part of each pixel, -1 outside.
     weights
-        ``(H, W)`` reciprocal variances of known heights less those of a surface.
+        ``(H, W)`` weights of known heights relative to those of edges.
     terms
         Number of terms of each part that drifts.
     """
 
     labels: Int32
-    weights: Float64
+    weights: Float32
     terms: dict[int, int]
 
     @classmethod
-    def found(cls, off: Float64, weights: Float64, labels: Int32) -> Drift | None:
+    def found(cls, off: Float64, weights: Float32, labels: Int32) -> Drift | None:
         """Return the drift that differences show clearly; None without any.
 
         Parameters
@@ -51,39 +51,52 @@ class Drift:
         weights, labels
             As above.
         """
-        terms = {}
-        known = np.isfinite(off)
-        for part in np.unique(labels[known]).tolist():
-            rows, columns = np.nonzero(known & (labels == part))
-            root = np.sqrt(weights[rows, columns])
-            values = off[rows, columns] * root
-            best, left = 1, _left_out(np.ones((len(rows), 1)) * root[:, None], values)
+        found = cls(labels, weights, {})
+        for part in np.unique(labels[np.isfinite(off)]).tolist():
+            terms, values = found._equations(off, labels == part)
+            best, left = 1, _left_out(terms[:, :1], values)
             for count in _TERMS[1:]:
-                design = _terms(rows, columns, labels.shape, count) * root[:, None]
-                more = _left_out(design, values)
+                more = _left_out(terms[:, :count], values)
                 if more < _CLEARLY * left:
                     best, left = count, more
             if best > 1:
-                terms[int(part)] = best
-        return cls(labels, weights, terms) if terms else None
+                found.terms[int(part)] = best
+        return found if found.terms else None
 
     def of(self, off: Float64) -> Float64:
         """Return ``(H, W)`` the drift that differences at known heights show; 0 elsewhere."""
         drift = np.zeros(off.shape)
         for part, count in self.terms.items():
             inside = self.labels == part
-            rows, columns = np.nonzero(inside & np.isfinite(off))
-            root = np.sqrt(self.weights[rows, columns])
-            design = _terms(rows, columns, off.shape, count) * root[:, None]
-            factors = np.linalg.lstsq(design, off[rows, columns] * root, rcond=None)[0]
-            rows, columns = np.nonzero(inside)
-            drift[inside] = _terms(rows, columns, off.shape, count) @ factors
+            terms, values = self._equations(off, inside)
+            factors = np.linalg.lstsq(terms[:, :count], values, rcond=None)[0]
+            np.copyto(drift, _polynomial(factors.tolist(), off.shape), where=inside)
         return drift
 
+    def _equations(self, off: Float64, inside: Bool) -> tuple[Float64, Float64]:
+        """Return weighted terms ``(N, 6)`` and differences ``(N,)`` at known heights."""
+        rows, columns = np.nonzero(inside & np.isfinite(off))
+        weights = self.weights[rows, columns].astype(np.float64)
+        # A surface has errors of its own: the variance of the Green's function of a large grid.
+        root = np.sqrt(weights / (1 + (np.log(max(off.shape)) + 1.6) / (2 * np.pi) * weights))
+        y, x = (
+            _along(at, size, off.shape) for at, size in zip((rows, columns), off.shape, strict=True)
+        )
+        terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+        return terms * root[:, None], off[rows, columns] * root
 
-def _terms(rows: Int64, columns: Int64, shape: tuple[int, ...], count: int) -> Float64:
-    y, x = ((2 * at - size) / max(shape) for at, size in zip((rows, columns), shape, strict=True))
-    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)[:, :count]
+
+def _polynomial(factors: list[float], shape: tuple[int, ...]) -> Float64:
+    """Return the polynomial of all pixels."""
+    one, x, y, xx, xy, yy = [*factors, 0.0, 0.0, 0.0][:6]
+    down, across = (_along(np.arange(size), size, shape) for size in shape)
+    down = down[:, None]
+    return np.asarray(one + x * across + xx * across**2 + down * (y + xy * across + yy * down))
+
+
+def _along(at: Int64, size: int, shape: tuple[int, ...]) -> Float64:
+    """Return places of pixels, -1 to 1 along the longer side."""
+    return np.asarray((2 * at - size) / max(shape))
 
 
 def _left_out(design: Float64, values: Float64) -> float:

@@ -84,5 +84,6 @@ def test_the_order_is_that_of_the_differences(off: object, terms: int) -> None:
     rows, columns = rng.integers(0, 40, 25), rng.integers(0, 60, 25)
     values[rows, columns] = off(columns / 30 - 1, rows / 20 - 1)  # type: ignore[operator]
     values += rng.normal(0, 0.01, values.shape)
-    found = Drift.found(values, np.ones_like(values), np.zeros(values.shape, np.int32))
+    weights = np.ones(values.shape, np.float32)
+    found = Drift.found(values, weights, np.zeros(values.shape, np.int32))
     assert (1 if found is None else found.terms[0]) == terms
