@@ -24,6 +24,9 @@ UNCERTAIN_DEG = 8.0
 LARGE_SHARE = 0.2
 LARGE_SHARE_DEG = 0.5
 
+# Share 0..1 of the samples of the object: more saturated ones leave too few for some pixels.
+SATURATED = 0.1
+
 # Natural logarithm of the evidence of a cause: 30 is a probability of chance of 1e-13, which leaves
 # room for what the model of correlated residuals lacks.
 EVIDENCE = 30.0

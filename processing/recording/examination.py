@@ -12,6 +12,7 @@ import numpy as np
 
 from acquisition import Lights, Source
 from calibration import EstimateError, Stack
+from processing.checks import limits
 from processing.checks.quality import Examined, ImageQuality, quality_of
 from processing.checks.strengths import (
     LightStrengths,
@@ -58,8 +59,6 @@ _PIXELS = 100_000
 # Most rounds of strengths and height, and the change of the height at which they end.
 _ROUNDS, _STATED_ROUNDS = 5, 2
 _SETTLED_MM = 0.5
-# Share 0..1 of the samples of the object: more saturated ones leave too few for some pixels.
-_SATURATED = 0.1
 # A larger one in the last round is refused.
 _UNSETTLED_MM = 5.0
 # Notices about the height that say that images and lights contradict each other.
@@ -344,7 +343,7 @@ class Examination:
             f"{share:.0%} of the samples of the object are saturated; record with shorter exposure "
             "times, or add a shorter bracket"
         )
-        return [Notice("samples-saturated", text)] if share > _SATURATED else []
+        return [Notice("samples-saturated", text)] if share > limits.SATURATED else []
 
     def sample(self) -> RowSample:
         """Return some rows of the images."""

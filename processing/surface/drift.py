@@ -77,7 +77,7 @@ class Drift:
         """Return weighted terms ``(N, 6)`` and differences ``(N,)`` at known heights."""
         rows, columns = np.nonzero(inside & np.isfinite(off))
         weights = self.weights[rows, columns].astype(np.float64)
-        # A surface has errors of its own: the variance of the Green's function of a large grid.
+        # The surface has errors, too: the variance of the Green's function of a large grid.
         root = np.sqrt(weights / (1 + (np.log(max(off.shape)) + 1.6) / (2 * np.pi) * weights))
         y, x = (
             _along(at, size, off.shape) for at, size in zip((rows, columns), off.shape, strict=True)
