@@ -19,10 +19,11 @@ if TYPE_CHECKING:
 
     from processing.roughness.areal_parameters import Parameter
 
-# Simulated noise: a deviation of this many has an error of 1 / sqrt(2 * 23) = 15 %.
-_SAMPLES = 24
-# Simulated errors of the model: their mean effect counts.
-_MODELS = 6
+# Maps of simulated noise, and of simulated errors of the model. Deviations from so few are those of
+# a t-distribution (JCGM 101:2008, 6.4.9).
+_SAMPLES, _MODELS = 24, 12
+_OF_SAMPLES = math.sqrt((_SAMPLES - 1) / (_SAMPLES - 3))
+_OF_MODELS = math.sqrt(_MODELS / (_MODELS - 2))
 # Relative standard deviation of the stated deviations of normals; measured ones are within 0.89 and
 # 1.09 of the actual ones, decile by decile (docs/quality.md).
 _OF_DEVIATIONS = 0.1
@@ -172,9 +173,9 @@ def quantities(
     results = {}
     for i, name in enumerate(names):
         budget = {
-            "noise": float(noise[i]),
+            "noise": _OF_SAMPLES * float(noise[i]),
             "noise level": float(2 * _OF_DEVIATIONS * abs(bias[i])),
-            "model": math.sqrt(sum(float(one[i]) ** 2 for one in by_model) / _MODELS),
+            "model": _OF_MODELS * math.sqrt(sum(float(one[i]) ** 2 for one in by_model) / _MODELS),
             "lights": math.sqrt(sum(float(one[i]) ** 2 for one in by_lights)),
             "scale": abs(float(by_scale[i])),
             "filter": abs(float(by_blur[i])),

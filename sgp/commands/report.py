@@ -6,7 +6,7 @@ from pathlib import Path
 
 import acquisition
 import rig
-from sgp.cli.options import Input, Pixels
+from sgp.cli.options import Input, OptionalInput, Pixels
 from sgp.report import make_report
 from sgp.results import ReportMetrics, Result, check_file
 
@@ -16,6 +16,7 @@ def report(
     *others: Input,
     out: Path = Path("report.html"),
     full: bool = False,
+    check: OptionalInput = None,
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
 ) -> Result:
@@ -32,6 +33,7 @@ def report(
         sgp report result --out report.html
         sgp report before after --out comparison.html
         sgp report result --full --out large.html
+        sgp report measured --check drift --out certificate.html
 
     Parameters
     ----------
@@ -44,13 +46,16 @@ def report(
         The page, an .html file.
     full
         Embed the maps at full resolution, too, whatever the size of the page.
+    check
+        Folder of sgp calibrate check --out: the certificate states the drift of the lights. Its
+        calibrations must contain the lights of the result.
     max_pixels
         Refuse images with more pixels than this, before decoding them.
     force
         Replace an existing file.
     """
     check_file(out, ".html", force=force)
-    made = make_report([folder, *others], max_pixels=max_pixels, full=full)
+    made = make_report([folder, *others], max_pixels=max_pixels, full=full, check=check)
     content = made.html.encode()
     acquisition.write_durably(out, content)
     return Result(

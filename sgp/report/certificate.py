@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any, Final
 
 import rig
@@ -31,11 +32,16 @@ _noted = partial(noted, kind="map", severity="error")
 
 
 def certificate(
-    folder: ResultFolder, recording: Recording, max_pixels: int, notices: list[rig.Notice]
+    folder: ResultFolder,
+    recording: Recording,
+    max_pixels: int,
+    notices: list[rig.Notice],
+    check: Path | None = None,
 ) -> Sequence[Html]:
     """Return the certificate of a measurement of roughness; nothing for other results.
 
-    What cannot be read, or has changed since, is left out and noted.
+    What cannot be read, or has changed since, is left out and noted. ``check`` is the folder of a
+    comparison of calibrations.
     """
     record = folder.roughness
     if record is None:
@@ -59,7 +65,7 @@ def certificate(
     where = () if heights is None else places_figure(heights, figures["regions"], pixel)
     about = (
         tag("h3", "Instrument"),
-        _rows(instrument_rows(folder, recording, notices)),
+        _rows(instrument_rows(folder, recording, notices, check)),
         tag("h3", "Conditions"),
         _rows(_conditions(figures)),
     )

@@ -14,16 +14,27 @@ import rig
 from sgp.pictures.light_errors import longest_sigmas
 from sgp.report.folder import Inputs, ResultFolder, changed_notice, noted
 from sgp.report.recording import Recording
-from sgp.results import records_of
+from sgp.results import read_record, records_of
 
 Row = tuple[str, str]
 _STATED: Final = "as the recording states"
 
 
 def instrument_rows(
-    folder: ResultFolder, recording: Recording, notices: list[rig.Notice]
+    folder: ResultFolder,
+    recording: Recording,
+    notices: list[rig.Notice],
+    check: Path | None = None,
 ) -> list[Row]:
-    """Return terms and texts about the instrument, as far as records and files state it."""
+    """Return terms and texts about the instrument, as far as records and files state it.
+
+    ``check`` is the folder of a comparison of calibrations.
+
+    Raises
+    ------
+    DataError
+        If it is not, or does not contain the lights of the result.
+    """
     files, changed = _files(folder, notices)
     rows: list[Row] = []
     with noted(notices, "recording"):
@@ -39,7 +50,8 @@ def instrument_rows(
             if name not in changed:
                 text = text_of(files.get(name), recording.source)
         rows.append((term, text))
-    return [*rows, *_agreement(folder)]
+    rows += _agreement(folder)
+    return rows if check is None else [*rows, _drift(folder, check)]
 
 
 def _files(folder: ResultFolder, notices: list[rig.Notice]) -> tuple[dict[str, Path], set[str]]:
@@ -168,6 +180,34 @@ def _agreement(folder: ResultFolder) -> Iterator[Row]:
             )
             yield "Check of the lights", text
             return
+
+
+def _drift(folder: ResultFolder, check: Path) -> Row:
+    path = check / "check.json" if check.is_dir() else check
+    record = read_record(path)
+    figures: Any = record.metrics
+    if "drifts" not in figures:
+        raise acquisition.DataError(
+            f"{path}: is the record of {record.command}: give the folder that `sgp calibrate "
+            "check --out` writes for three calibrations or more"
+        )
+    used = {digest for one in folder.records.values() for digest in one.inputs.values()}
+    if used.isdisjoint(record.inputs.values()):
+        raise acquisition.DataError(
+            f"{path}: does not contain the lights of {folder.path}: compare a series of "
+            "calibrations that contains their file"
+        )
+    series = figures["calibrations"]
+    dates = " to ".join(str(series[n]["time_utc"])[:10] for n in (0, -1))
+    parts = [f"{len(series)} calibrations{f', {dates}' if series[0]['time_utc'] else ''}"]
+    beyond = [one["id"] for one in figures["drifts"] if one["beyond"]]
+    if figures["moved"]:
+        parts.append("all lights turned together, beyond the control limit")
+    if beyond:
+        parts.append(f"beyond control limits: {rig.listed(beyond, 6)}")
+    if not (beyond or figures["moved"]):
+        parts.append("all lights within control limits")
+    return "Drift of the lights", ", ".join(parts)
 
 
 def _date(time: datetime | None) -> str:

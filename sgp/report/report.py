@@ -56,18 +56,26 @@ def make_report(
     full: bool = False,
     most_bytes: int = MOST_BYTES,
     unrecorded: Sequence[rig.Notice] = (),
+    check: Path | None = None,
 ) -> Report:
     """Return the page of some result folders.
 
     Without ``full``, maps are reduced until the page has at most ``most_bytes``. ``unrecorded`` are
-    notices about the first result that its records do not have yet.
+    notices about the first result that its records do not have yet, ``check`` a comparison of
+    calibrations for certificates.
 
     Raises
     ------
     DataError
-        If a folder contains nothing that a report can show.
+        If a folder contains nothing that a report can show, or the comparison does not contain the
+        lights of a result, or no result has a certificate.
     """
-    folders = [_Folder(read_folder(path), max_pixels) for path in paths]
+    found = [read_folder(path) for path in paths]
+    if check is not None and not any(one.roughness for one in found):
+        raise acquisition.DataError(
+            f"{check}: is for certificates, and no result of sgp roughness is given"
+        )
+    folders = [_Folder(one, max_pixels, check) for one in found]
     folders[0].add_unrecorded(unrecorded)
     pixels = _PIXELS / len(folders)
     rest: int | None = None
@@ -116,8 +124,9 @@ def write_report(path: Path, folder: Path, result: Result, max_pixels: int) -> N
 class _Folder:
     """A folder whose maps, inputs and recording are read once."""
 
-    def __init__(self, folder: ResultFolder, max_pixels: int) -> None:
+    def __init__(self, folder: ResultFolder, max_pixels: int, check: Path | None) -> None:
         self._folder = folder
+        self._check = check
         self._max_pixels = max_pixels
         self._maps = FolderMaps(folder, max_pixels)
         self._recording: Recording | None = None
@@ -141,7 +150,7 @@ class _Folder:
         if self._recording is None:
             self._recording = _recording(folder, maps, self._max_pixels)
             self._certificate = certificate(
-                folder, self._recording, self._max_pixels, self._notices
+                folder, self._recording, self._max_pixels, self._notices, self._check
             )
             if maps is not None:
                 self._beside = list(companions(folder, self._max_pixels, self._notices))

@@ -162,6 +162,55 @@ def test_a_printed_certificate_has_two_pages_of_a4_at_most(sgp, browser, measure
     quiet(browser, page)
 
 
+def drift_folder(path: Path, files, *, moved=False, beyond=()) -> Path:
+    path.mkdir()
+    metrics = {
+        "lights": 2, "beyond": len(beyond), "moved": moved, "false_alarm": 0.01,
+        "common_limit_deg": None,
+        "calibrations": [
+            {"name": f"{n}.json", "time_utc": f"2026-0{n}-01T12:00:00+00:00",
+             "common_deg": None, "common_ratio": None} for n in (1, 2, 3)
+        ],
+        "drifts": [
+            {"id": name, "direction_deg": 0.1, "direction_ratio": 0.5, "strength_percent": None,
+             "strength_ratio": None, "beyond": name in beyond} for name in ("L00", "L01")
+        ],
+    }  # fmt: skip
+    write_record(path / "check.json", "sgp calibrate check", {}, Result({}, metrics, inputs=files))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("moved", "beyond", "text"),
+    [
+        (False, (), "all lights within control limits"),
+        (False, ("L01",), "beyond control limits: L01"),
+        (True, (), "all lights turned together, beyond the control limit"),
+    ],
+)
+def test_a_certificate_states_the_drift_of_the_lights(measured, moved, beyond, text):
+    # The folder's records list this file as an input.
+    lights = measured.parent / "session" / "session.toml"
+    drift = drift_folder(measured.parent / "drift", [lights], moved=moved, beyond=beyond)
+    html = make_report([measured], max_pixels=MAX_PIXELS, check=drift).html
+    rows = cells(html)
+    assert ["Drift of the lights", f"3 calibrations, 2026-01-01 to 2026-03-01, {text}"] in rows
+
+
+def test_a_drift_of_other_lights_is_refused(sgp, measured, tmp_path):
+    other = tmp_path / "other.json"
+    other.write_text("{}")
+    drift = drift_folder(tmp_path / "drift", [other])
+    page = tmp_path / "page.html"
+    for result, check, text in (
+        (measured, drift, "does not contain the lights of"),
+        (measured, measured / "roughness.json", "is the record of sgp roughness: give the folder"),
+        (measured.parent / "ball", drift, "is for certificates, and no result of sgp roughness"),
+    ):
+        assert text in sgp("report", result, "--check", check, "--out", page).error_line(4)
+    assert not page.exists()
+
+
 def test_the_instrument_is_that_of_the_files_that_the_record_names(tmp_path):
     time = datetime(2026, 3, 1, 12, 0, tzinfo=UTC)
     setup = Setup("dome", "Maker", "M2", "77")
