@@ -115,7 +115,8 @@ def quantities(
     map adds to a parameter, noise has added before, in the square for those parameters whose square
     grows with the variance of the noise (compare simulation and extrapolation: Cook and Stefanski,
     1994). Deviations of the normals that are not noise are simulated too, but nothing is removed.
-    Lights, scale, blur and form are propagated by one standard deviation each (GUM, 5.1.2).
+    Lights, scale, blur and form are propagated by one standard deviation each (GUM, 5.1.2), blur in
+    both directions.
 
     Parameters
     ----------
@@ -143,7 +144,7 @@ def quantities(
         }
     angle = np.array([parameters[name].kind == "angle" for name in names])
     noisy = np.array([parameters[name].noisy for name in names])
-    total = _SAMPLES + _MODELS + 9 + 3
+    total = _SAMPLES + _MODELS + 9 + 4
     done = 0
 
     def change(heights: Floating, seen: Resolution = resolution, *, other: bool = False) -> Float64:
@@ -166,8 +167,14 @@ def quantities(
         if errors.scale_sigma
         else np.zeros_like(start)
     )
-    wider = replace(resolution, blur_px=resolution.blur_px + resolution.blur_sigma_px)
-    by_blur = change(heights_mm, wider) if resolution.blur_sigma_px else np.zeros_like(start)
+    by_blur = np.zeros_like(start)
+    if resolution.blur_sigma_px:
+        wider, narrower = (
+            change(heights_mm, replace(resolution, blur_px=max(resolution.blur_px + off, 0)))
+            for off in (resolution.blur_sigma_px, -resolution.blur_sigma_px)
+        )
+        # Parameters such as Smr2 are not smooth functions of the filter: the larger change counts.
+        by_blur = np.copysign(np.fmax(np.abs(wider), np.abs(narrower)), wider - narrower)
     by_form = change(heights_mm, other=True) / math.sqrt(3)
     value, noise, bias = _without_noise(start, by_noise, noisy)
     results = {}
