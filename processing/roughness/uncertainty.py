@@ -174,7 +174,7 @@ def quantities(
             for off in (resolution.blur_sigma_px, -resolution.blur_sigma_px)
         )
         # Parameters such as Smr2 are not smooth functions of the filter: the larger change counts.
-        by_blur = np.copysign(np.fmax(np.abs(wider), np.abs(narrower)), wider - narrower)
+        by_blur = np.copysign(np.maximum(np.abs(wider), np.abs(narrower)), wider - narrower)
     by_form = change(heights_mm, other=True) / math.sqrt(3)
     value, noise, bias = _without_noise(start, by_noise, noisy)
     results = {}
