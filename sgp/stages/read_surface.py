@@ -14,12 +14,14 @@ import rig
 from processing.roughness import ErrorModel, NormalErrors, Resolution
 from processing.surface.grid_graph import label_parts
 from rig.arrays import Bool, Float32, Int32
-from sgp.cli.exit import UsageError
 from sgp.pictures.jumps import JUMP_DOWN, JUMP_RIGHT
 from sgp.results import ResultRecord, input_hashes, sha256
-from sgp.stages.result_source import NormalsResult, find_normals
+from sgp.stages.result_source import NormalsResult, check_unchanged, find_normals, has_normals
 from sgp.stages.sigma_map import read_sigma
 from sgp.stages.surface_export import read_heights
+
+# Notices of a surface whose parts or pieces are not all held by known heights.
+_UNKNOWN = ("surface-in-parts", "height-guessed")
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,16 +82,18 @@ def read_surface(path: Path, *, scale_sigma: float, max_pixels: int) -> SurfaceI
     metrics = record.metrics
     heights = np.where(np.isfinite(surface.height), surface.height, np.float32(math.nan))
     files = [surface.record_file, height_file]
-    distance = surface.camera_mm
-    pixel = surface.pixel_mm
+    pixel, distance = surface.pixel_mm, surface.camera_mm
     if distance is not None and np.isfinite(heights).any():
         # Nearer pixels are smaller.
         pixel *= 1 - float(np.nanmean(heights)) / distance
     jumps = folder / "jumps.png"
+    check_unchanged(jumps, record)
     files += [jumps] if jumps.is_file() else []
-    joined = "prior_heights" in metrics
+    unknown = any(one.code in _UNKNOWN for one in record.notices)
+    joined = "prior_heights" in metrics and not unknown
     parts = None
-    if not joined and _has_parts(record, jumps):
+    count = metrics.get("parts")
+    if not joined and (jumps.is_file() or (isinstance(count, int) and count > 1)):
         parts = _parts(np.isfinite(heights), jumps, max_pixels)
     notices = list[rig.Notice]()
     normals = _normals_of(path, folder, record)
@@ -98,24 +102,16 @@ def read_surface(path: Path, *, scale_sigma: float, max_pixels: int) -> SurfaceI
         sigma_file = normals.folder / "normal_sigma_deg.exr"
         stated = normals.record.metrics.get("lens_blur_px")
         blur = float(stated) if isinstance(stated, (int, float)) else None
-        known = isinstance(normals.record.metrics.get("normal_sigma_deg"), (int, float))
-        if known and sigma_file.is_file():
+        certain = isinstance(normals.record.metrics.get("normal_sigma_deg"), (int, float))
+        if certain and sigma_file.is_file():
             read = processing.read_normals(normals.folder, max_pixels=max_pixels)
             sigma = read_sigma(sigma_file, read.normal_map.mask, max_pixels)
             files += [normals.record_file, *read.files, sigma_file]
             notices += sigma.notices
             if sigma.common_deg == 0:
                 notices.append(_exact_lights(normals))
-            changed = [one for one in files if _changed(one, record)]
-            if changed:
-                raise acquisition.DataError(
-                    f"{changed[0]}: has changed since {folder} was computed: compute it again"
-                )
-            if read.normal_map.size != heights.shape:
-                raise acquisition.DataError(
-                    f"{normals.folder}: its size is not that of {height_file}: give a complete "
-                    "result"
-                )
+            for one in (*read.files, sigma_file):
+                check_unchanged(one, normals.record)
             errors = ErrorModel(
                 NormalErrors(read.normal_map.normals, sigma.sigma_deg[:], sigma.common_deg),
                 math.hypot(scale_sigma, _height_share(normals, distance)),
@@ -144,11 +140,6 @@ def read_surface(path: Path, *, scale_sigma: float, max_pixels: int) -> SurfaceI
     )
 
 
-def _has_parts(record: ResultRecord, jumps: Path) -> bool:
-    count = record.metrics.get("parts")
-    return jumps.is_file() or (isinstance(count, int) and count > 1)
-
-
 def _parts(known: Bool, jumps: Path, max_pixels: int) -> Int32:
     """Return ``(H, W)`` the parts between holes and jumps, -1 for pixels without neighbours."""
     right, down = np.zeros((2, known.shape[0] + 2, known.shape[1] + 2), np.float32)
@@ -162,15 +153,35 @@ def _parts(known: Bool, jumps: Path, max_pixels: int) -> Int32:
 
 
 def _normals_of(path: Path, folder: Path, record: ResultRecord) -> NormalsResult | None:
-    """Return the normals of a surface: those next to it, or those that its record names."""
+    """Return the normals of a surface: those next to it, or those that its record names.
+
+    Raises
+    ------
+    DataError
+        If all that are there are others.
+    """
     named = record.parameters.get("normals")
+    others = None
     for place in (path, folder.parent, Path(named) if isinstance(named, str) else None):
-        if place is not None and place.is_dir():
-            try:
-                return find_normals(place)
-            except UsageError:
-                continue
+        if place is not None and has_normals(place):
+            found = find_normals(place)
+            if _integrated(found, record):
+                return found
+            others = others or found
+    if others is not None:
+        raise acquisition.DataError(
+            f"{others.folder}: has changed since {folder} was computed, or is of another object: "
+            "compute the surface again, or move it elsewhere to measure without error bars"
+        )
     return None
+
+
+def _integrated(normals: NormalsResult, record: ResultRecord) -> bool:
+    """Return whether a surface is of these normals: by its run, or by the hash of their map."""
+    if normals.record.command == record.command:
+        return normals.record.inputs.items() <= record.inputs.items()
+    hashes = {sha256(file) for file in normals.folder.glob("normals.*")}
+    return not hashes.isdisjoint(record.inputs.values())
 
 
 def _height_share(normals: NormalsResult, distance: object) -> float:
@@ -196,9 +207,3 @@ def _verdict(normals: NormalsResult) -> rig.Notice:
         "not include such mistakes, so the uncertainties are not assured"
     )
     return rig.Notice("roughness-not-assured", text, str(normals.folder))
-
-
-def _changed(file: Path, record: ResultRecord) -> bool:
-    """Return whether a file is not the one that a surface was computed from."""
-    stated = record.inputs.get(str(file))
-    return stated is not None and sha256(file) != stated

@@ -11,7 +11,7 @@ from pydantic import JsonValue
 import acquisition
 from sgp.cli.exit import UsageError
 from sgp.cli.options import RIG_LIGHTS, RecordingOptions
-from sgp.results import CALIBRATIONS, ResultRecord, read_record, sha256
+from sgp.results import CALIBRATIONS, ResultRecord, output_fault, read_record, sha256
 from sgp.stages.recording import Recording, open_recording, with_scale
 
 _RECORD = "normals.json"
@@ -93,6 +93,19 @@ def find_surface(path: Path) -> tuple[Path, ResultRecord]:
         f"{path}: has neither {SURFACE_RECORD} nor surface/{SURFACE_RECORD}: give a folder that "
         "sgp run or sgp surface has written"
     )
+
+
+def check_unchanged(file: Path, record: ResultRecord) -> None:
+    """Check that an output is the one that a record names, if it states hashes.
+
+    Raises
+    ------
+    DataError
+        If it is not.
+    """
+    known = record.files.get(file.name)
+    if known is not None and (fault := output_fault(file, known.bytes, known.sha256)):
+        raise acquisition.DataError(f"{file}: {fault}: run `{record.command}` again")
 
 
 def open_source_of(

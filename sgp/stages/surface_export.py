@@ -13,8 +13,8 @@ import processing
 import rig
 from rig.arrays import Float32
 from sgp.cli.exit import UsageError
-from sgp.results import Result, ResultRecord, X3pMetrics, output_fault
-from sgp.stages.result_source import SURFACE_RECORD, find_surface
+from sgp.results import Result, ResultRecord, X3pMetrics
+from sgp.stages.result_source import SURFACE_RECORD, check_unchanged, find_surface
 
 _HEIGHT = "height.exr"
 
@@ -57,9 +57,7 @@ def read_heights(path: Path, max_pixels: int) -> SurfaceResult:
     """
     folder, record = find_surface(path)
     file = folder / _HEIGHT
-    known = record.files.get(_HEIGHT)
-    if known is not None and (fault := output_fault(file, known.bytes, known.sha256)):
-        raise acquisition.DataError(f"{file}: {fault}: run `{record.command}` again")
+    check_unchanged(file, record)
     if record.metrics.get("unit") != "mm":
         raise UsageError(
             f"{file}: the heights are in pixels, because the scale is not known: compute the "

@@ -132,6 +132,16 @@ def test_jumps_divide_parts(sgp, result, tmp_path):
     assert "crosses" in sgp("roughness", tmp_path, "--line", "20,80,90,80").error_line(4)
 
 
+def test_jumps_that_are_gone_are_missed(sgp, tmp_path):
+    vectors = np.tile([0.0, 0.0, 1.0], (60, 100, 1))
+    vectors[:, 50, 0] = -3.0
+    write_normals(tmp_path / "normals", NormalMap.from_vectors(vectors))
+    words = ("surface", tmp_path / "normals", "--pixel-mm", PIXEL, "--discontinuity")
+    sgp(*words, "--out", tmp_path / "surface").ok()
+    (tmp_path / "surface" / "jumps.png").unlink()
+    assert "jumps.png: is missing" in sgp("roughness", tmp_path).error_line(4)
+
+
 def test_islands_and_masks(sgp, result, tmp_path):
     mask = np.zeros((SIZE, SIZE), bool)
     mask[10:150, 10:70] = True
@@ -182,11 +192,55 @@ def test_values_have_uncertainties_and_limits_use_them(sgp, certain, tmp_path):
         )
 
 
-def test_normals_that_have_changed_are_refused(sgp, certain):
-    file = certain / "normals" / "normals.exr"
+def other_normals(folder):
+    file = folder / "normals" / "normals.exr"
     write_exr(file, np.ascontiguousarray(read_image(file)[::-1]))
-    message = sgp("roughness", certain).error_line(4)
-    assert "normals.exr: has changed since" in message
+
+
+def smaller_deviations(folder):
+    file = folder / "normals" / "normal_sigma_deg.exr"
+    write_exr(file, read_image(file) / np.float32(10))
+
+
+def moved(folder):
+    folder.rename(folder.with_name("moved"))
+    other_normals(folder.with_name("moved"))
+
+
+def of_another_object(folder):
+    (folder / "normals").rename(folder.with_name("elsewhere"))
+    field = seen(relief((170, 190), 9), View(95, 85, 0.0), (120, 140), 0)[0]
+    write_field(folder / "normals", field, pixel_mm=0.05)
+
+
+CHANGED = {
+    "normals": (other_normals, "certain", "normals: has changed since"),
+    "deviations": (smaller_deviations, "certain", "normal_sigma_deg.exr: was changed"),
+    "normals of a moved result": (moved, "moved", "normals: has changed since"),
+    "another object": (of_another_object, "certain", "is of another object"),
+}
+
+
+@pytest.mark.parametrize("name", CHANGED)
+def test_normals_that_were_not_integrated_are_refused(sgp, certain, name):
+    change, folder, message = CHANGED[name]
+    change(certain)
+    assert message in sgp("roughness", certain.with_name(folder)).error_line(4)
+
+
+def test_known_heights_of_one_part_do_not_join_it_with_others(sgp, tmp_path):
+    mask = np.ones((60, 100), bool)
+    mask[:, 60:64] = False
+    normals = NormalMap.from_vectors(np.tile([0.0, 0.0, 1.0], (60, 100, 1)), mask)
+    write_normals(tmp_path / "normals", normals)
+    prior = tmp_path / "prior.csv"
+    for right, parts in (("", True), ("80,30,1.0\n", False)):
+        prior.write_text(f"x_px,y_px,height_mm\n20,20,1.0\n{right}")
+        words = ("surface", tmp_path / "normals", "--pixel-mm", PIXEL, "--prior", prior)
+        sgp(*words, "--out", tmp_path / "surface", "--force").ok()
+        answer = sgp("roughness", tmp_path, "--json")
+        assert ("roughness-parts" in answer.codes()) == parts
+        assert answer.figures()["regions"][0]["pixels"] == (60 * 60 if parts else 96 * 60)
 
 
 @pytest.mark.parametrize(("common_deg", "named"), [(0.0, True), (0.2, False)])
