@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Final, Literal, Self
 
@@ -109,9 +109,11 @@ def read_limits(path: Path) -> list[Limit]:
 
 
 def applied(
-    limits: Iterable[Limit], measured: Mapping[str, Mapping[str, Quantity]]
+    limits: Iterable[Limit], measured: Sequence[tuple[str, Mapping[str, Quantity]]]
 ) -> list[tuple[Limit, str, Quantity, Conformity]]:
     """Return each limit with the name of the region, the quantity and the answer.
+
+    An area and lines may have the same name.
 
     Raises
     ------
@@ -123,24 +125,23 @@ def applied(
     >>> from processing.roughness import Limit, Quantity, applied
     >>> rough = Quantity("Sa", "um", 1.0, 1.0, {"noise": 0.1})
     >>> limit = Limit(parameter="Sa", most=1.6)
-    >>> [(_, region, _, answer)] = applied([limit], {"rim": {"Sa": rough}})
+    >>> [(_, region, _, answer)] = applied([limit], [("rim", {"Sa": rough})])
     >>> region, answer
     ('rim', 'conforms')
     """
-    found = []
+    found = list[tuple[Limit, str, Quantity, Conformity]]()
     for limit in limits:
-        places = [
-            name
-            for name, values in measured.items()
+        judged = [
+            (limit, name, values[limit.parameter], limit.judge(values[limit.parameter]))
+            for name, values in measured
             if limit.region in (None, name) and limit.parameter in values
         ]
-        if not places:
+        if not judged:
             where = "any region" if limit.region is None else f"region {limit.region}"
             raise DataError(
                 f"{limit.parameter} of {where} has a limit, but was not measured: measured are "
-                f"{', '.join(measured)}; areas have S parameters, profiles R and W, steps d"
+                f"{', '.join(name for name, _ in measured)}; areas have S parameters, profiles R "
+                "and W, steps d"
             )
-        for name in places:
-            quantity = measured[name][limit.parameter]
-            found.append((limit, name, quantity, limit.judge(quantity)))
+        found += judged
     return found

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from acquisition import DataError
+from rig import pluralize
 from rig.arrays import Float64, Floating
 
 _FEWEST = 16
@@ -68,7 +69,7 @@ class Line:
         height, width = heights.shape
         count = int(self.length_px) + 1
         if count < _FEWEST:
-            raise DataError(f"line {self}: {count} pixels are too few: use {_FEWEST} or more")
+            raise DataError(f"{pluralize(count, 'pixel')} long, too short: use {_FEWEST} or more")
         along = np.array([self.x1 - self.x0, self.y1 - self.y0]) / self.length_px
         apart = (np.arange(self.width) - (self.width - 1) / 2)[:, None]
         x = self.x0 + along[0] * np.arange(count) - along[1] * apart
@@ -80,7 +81,7 @@ class Line:
             or y.max() > height - 1 + edge
         ):
             raise DataError(
-                f"line {self}: leaves the image of {width} x {height} pixels, whose last pixel is "
+                f"leaves the image of {width} x {height} pixels, whose last pixel is "
                 f"{width - 1},{height - 1}"
             )
         found = np.asarray(

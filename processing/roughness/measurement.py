@@ -240,6 +240,7 @@ def measure_profile(
     >>> round(found.quantities["RSm"].value, 2)
     0.2
     """
+    heights = line.of(heights_mm)
     chosen = (scales or Scales()).resolved(resolution, line.length_px * resolution.pixel_mm)
 
     def evaluate(values: Floating, seen: Resolution, other: bool) -> dict[str, float]:
@@ -249,7 +250,7 @@ def measure_profile(
         )
 
     found = _along(evaluate, heights_mm, line, resolution, errors, PROFILE, on_progress)
-    return LineMeasurement(found, chosen, line.of(heights_mm))
+    return LineMeasurement(found, chosen, heights)
 
 
 def measure_step(
@@ -291,15 +292,15 @@ def measure_step(
     heights = line.of(heights_mm)
     if not np.isfinite(heights).all():
         raise DataError(
-            f"line {line}: crosses a hole or a jump: heights on its two sides are not connected; "
+            "the line crosses a hole or a jump: heights on its two sides are not connected; "
             "integrate the surface with known heights on both sides"
         )
     flank = step_height(heights).flank_px
     if flank < _LEAST_FLANK_PX and not joined:
         raise DataError(
-            f"line {line}: the flank is {flank:.1f} pixels wide: normals show the height of walls "
-            f"of {_LEAST_FLANK_PX:g} pixels or more; integrate the surface with known heights "
-            "on both sides, or record it with smaller pixels"
+            f"the flank is {flank:.1f} pixels wide: normals show the height of walls of "
+            f"{_LEAST_FLANK_PX:g} pixels or more; integrate the surface with known heights on both "
+            "sides, or record it with smaller pixels"
         )
 
     def evaluate(values: Floating, seen: Resolution, other: bool) -> dict[str, float]:

@@ -97,7 +97,7 @@ def lines(texts: Iterable[str], option: str) -> list[tuple[str, Line]]:
 
 def _parts(text: str) -> tuple[str, str]:
     match = _NAMED.fullmatch(text)
-    return (match[1] or "", match[2]) if match else ("", text)
+    return ((match[1] or "").strip(), match[2]) if match else ("", text)
 
 
 def _check_names(names: list[str], option: str) -> None:

@@ -130,7 +130,7 @@ def roughness(
         made.summary += one.lines()
     judged = []
     if wanted is not None:
-        judged = applied(wanted, {one.name: one.quantities for one in measured})
+        judged = applied(wanted, [(one.name, one.quantities) for one in measured])
         metrics["limits"] = limit_metrics(judged)
         made.summary += [
             f"{answer:10} {place}: {limit}: {text_of(quantity)}"
@@ -181,10 +181,14 @@ def _along(
         same = surface.parts == surface.parts[row, column]
         heights = np.where(same, heights, np.float32(math.nan))
     given = heights, line, surface.resolution
-    if kind == "profile":
-        found = measure_profile(*given, scales, surface.errors, on_progress=progress)
-    else:
-        found = measure_step(*given, surface.errors, joined=surface.joined, on_progress=progress)
+    try:
+        if kind == "profile":
+            found = measure_profile(*given, scales, surface.errors, on_progress=progress)
+        else:
+            joined = surface.joined
+            found = measure_step(*given, surface.errors, joined=joined, on_progress=progress)
+    except (acquisition.DataError, calibration.EstimateError) as error:
+        raise type(error)(f"{kind} {name}: {error}") from error
     return Measured(name, kind, str(line), found.heights_mm, found.quantities, found.scales)
 
 

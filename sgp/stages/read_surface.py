@@ -41,8 +41,6 @@ class SurfaceInput:
         Error bars; None if the result has none.
     joined
         Whether known heights have determined the surface.
-    normals
-        The normals that were integrated; None if they are gone.
     files, notices
         The files, and notices about them.
     """
@@ -52,7 +50,6 @@ class SurfaceInput:
     resolution: Resolution
     errors: ErrorModel | None
     joined: bool
-    normals: NormalsResult | None
     files: list[Path]
     notices: list[rig.Notice] = field(default_factory=list)
 
@@ -134,7 +131,6 @@ def read_surface(path: Path, *, scale_sigma: float, max_pixels: int) -> SurfaceI
         resolution=Resolution.seen(pixel, blur),
         errors=errors,
         joined=joined,
-        normals=normals,
         files=files,
         notices=notices,
     )

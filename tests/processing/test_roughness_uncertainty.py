@@ -220,7 +220,7 @@ def test_a_resolved_step_is_measured_and_an_unresolved_one_refused():
 
 
 LINES = {
-    "too short": (Line(10, 10, 20, 10), "too few"),
+    "too short": (Line(10, 10, 20, 10), "too short"),
     "outside": (Line(10, 10, 300, 10), "leaves the image"),
     "wide line outside": (Line(10, 1, 90, 1, 9), "leaves the image"),
     "hole": (Line(10, 50, 90, 50), "crosses a hole or a jump"),
@@ -301,11 +301,11 @@ def test_limits_apply_to_regions(tmp_path):
         '[[limit]]\nparameter = "Sq"\nmost = 2\n'
         '[[limit]]\nparameter = "Sq"\nregion = "rim"\nmost = 0.5\n'
     )
-    values = {"rim": {"Sq": quantity(1.0, 0.1)}, "face": {"Sq": quantity(1.5, 0.1)}}
+    values = [("rim", {"Sq": quantity(1.0, 0.1)}), ("face", {"Sq": quantity(1.5, 0.1)})]
     found = [(region, answer) for _, region, _, answer in applied(read_limits(file), values)]
     assert found == [("rim", "conforms"), ("face", "conforms"), ("rim", "exceeded")]
     with pytest.raises(DataError, match="region rim has a limit"):
-        applied(read_limits(file), {"face": {"Sq": quantity(1.5, 0.1)}})
+        applied(read_limits(file), [("face", {"Sq": quantity(1.5, 0.1)})])
 
 
 def test_a_parameter_that_errors_make_undefined_has_no_uncertainty():

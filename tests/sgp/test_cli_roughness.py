@@ -71,6 +71,15 @@ def test_limits_decide_with_the_uncertainty(sgp, result, tmp_path):
     assert "undecided" in answer.ok().out
 
 
+def test_a_limit_holds_for_all_places_of_a_name(sgp, result, tmp_path):
+    limits = tmp_path / "limits.toml"
+    limits.write_text('[[limit]]\nparameter = "Sq"\nmost = 9\n')
+    areas = "--region", "a =10,10,60,140", "--region", "b=20,20,40,40"
+    words = ("roughness", result, *areas, "--line", "a=40,10,40,150", "--limits", limits)
+    found = sgp(*words, "--l-mm", "0", "--json").figures()["limits"]
+    assert [one["region"] for one in found] == ["a", "b"]
+
+
 BAD = {
     "no surface": (("{empty}",), "has neither surface.json", 2),
     "region outside": (("{result}", "--region", "100,100,90,90"), "is not inside the image", 4),
@@ -83,7 +92,13 @@ BAD = {
     ),
     "fine filter": (("{result}", "--s-mm", "0.01"), "below what the images resolve", 4),
     "line of text": (("{result}", "--line", "1,2,3"), "give x0,y0,x1,y1", 2),
-    "line outside": (("{result}", "--line", "1,2,300,5"), "leaves the image", 4),
+    "line outside": (
+        ("{result}", "--line", "q=0,0,159,0,3"),
+        "profile q: leaves the image of 160 x 160 pixels, whose last pixel is 159,159",
+        4,
+    ),
+    "line without a length": (("{result}", "--line", "9,9,9,9"), "9,9,9,9: 1 pixel long", 4),
+    "step on a plane": (("{result}", "--step", "q=100,9,100,50"), "step q: ", 5),
     "sphere of a plate": (("{result}", "--line", "1,2,100,5", "--form", "sphere"), "no sphere", 4),
 }
 
