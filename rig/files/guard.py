@@ -285,7 +285,7 @@ def parse_toml(data: bytes) -> dict[str, Any]:
     {'leds': 36}
     """
     with convert_parser_errors("is not TOML"):
-        text = data.decode("utf-8")
+        text = data.decode("utf-8-sig")
         check_text(text)
         return tomllib.loads(text)
 
@@ -300,7 +300,7 @@ def parse_json(data: bytes | str) -> Any:
     {'leds': 36}
     """
     with convert_parser_errors("is not JSON"):
-        text = data if isinstance(data, str) else data.decode("utf-8")
+        text = data if isinstance(data, str) else data.decode("utf-8-sig")
         check_text(text)
         return json.loads(text)
 

@@ -62,6 +62,11 @@ def test_json(text: str) -> None:
         parse_json(text)
 
 
+def test_a_byte_order_mark_is_no_part_of_a_text() -> None:
+    assert parse_toml(b"\xef\xbb\xbfa = 1\r\n") == {"a": 1}
+    assert parse_json(b'\xef\xbb\xbf{"a": 1}\r\n') == {"a": 1}
+
+
 def test_bytes_that_are_not_utf8() -> None:
     for parse in (parse_toml, parse_json):
         with pytest.raises(UnreadableError, match="utf-8"):
