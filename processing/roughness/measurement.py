@@ -259,7 +259,7 @@ def measure_step(
     resolution: Resolution,
     errors: ErrorModel | None = None,
     *,
-    joined: bool = False,
+    known_mm: float | None = None,
     on_progress: Progress = no_progress,
 ) -> LineMeasurement:
     """Return the height of a step, or the depth of a groove (ISO 5436-1), with its uncertainty.
@@ -268,9 +268,9 @@ def measure_step(
     ----------
     heights_mm, line, resolution, errors, on_progress
         As for `measure_profile`.
-    joined
-        Whether known heights on both sides determine the step. Otherwise normals of the flank do,
-        so it must be resolved.
+    known_mm
+        Standard deviation of known heights on both sides, which determine a step with a narrow
+        flank; None if normals of the flank do, which must be resolved.
 
     Raises
     ------
@@ -296,7 +296,7 @@ def measure_step(
             "integrate the surface with known heights on both sides"
         )
     flank = step_height(heights).flank_px
-    if flank < _LEAST_FLANK_PX and not joined:
+    if flank < _LEAST_FLANK_PX and known_mm is None:
         raise DataError(
             f"the flank is {flank:.1f} pixels wide: normals show the height of walls of "
             f"{_LEAST_FLANK_PX:g} pixels or more; integrate the surface with known heights on both "
@@ -309,6 +309,8 @@ def measure_step(
         return {"d": 1000 * step.height, "W": pixel * step.width_px, "flank": pixel * step.flank_px}
 
     found = _along(evaluate, heights_mm, line, resolution, errors, STEP, on_progress)
+    if flank < _LEAST_FLANK_PX and known_mm and found["d"].budget:
+        found["d"] = found["d"].with_part("known heights", 1000 * math.sqrt(2) * known_mm)
     return LineMeasurement(found, None, heights)
 
 

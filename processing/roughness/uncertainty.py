@@ -29,7 +29,9 @@ _OF_MODELS = math.sqrt(_MODELS / (_MODELS - 2))
 _OF_DEVIATIONS = 0.1
 _SOMETIMES = "errors of the normals make it undefined"
 # Sources of uncertainty, as in a budget.
-SOURCES: Final = ("noise", "noise level", "model", "lights", "scale", "filter", "form")
+SOURCES: Final = (
+    "noise", "noise level", "model", "lights", "scale", "filter", "form", "known heights"
+)  # fmt: skip
 # Evaluates parameters of heights: (heights, resolution, form fitted the other way).
 Evaluate = Callable[[Floating, Resolution, bool], Mapping[str, float]]
 
@@ -71,6 +73,13 @@ class Quantity:
         """Its standard uncertainty; NaN if errors are not known."""
         return math.sqrt(sum(part**2 for part in self.budget.values())) if self.budget else math.nan
 
+    def with_part(self, source: str, sigma: float) -> Quantity:
+        """Return the same with an independent error of another source."""
+        from uncertainties import ufloat
+
+        result = self.result + ufloat(0, sigma, source)
+        return replace(self, result=result, budget={**self.budget, source: sigma})
+
 
 @dataclass(frozen=True, eq=False)
 class ErrorModel:
@@ -82,15 +91,18 @@ class ErrorModel:
         Of all pixels.
     scale_sigma
         Relative standard deviation of the size of a pixel.
+    doubts
+        Why uncertainties are not assured; empty if they are.
     """
 
     normals: NormalErrors
     scale_sigma: float = 0.0
+    doubts: tuple[str, ...] = ()
     _shared: dict[str, AffineScalarFunc] = field(default_factory=dict, repr=False)
 
     def cropped(self, window: tuple[slice, slice]) -> ErrorModel:
         """Return those of a window, with the same variables."""
-        return ErrorModel(self.normals.cropped(window), self.scale_sigma, self._shared)
+        return replace(self, normals=self.normals.cropped(window))
 
     def shared(self, source: str, number: int = 0) -> AffineScalarFunc:
         """Return the variable, of deviation 1, of an error that all results have in common."""
@@ -138,10 +150,7 @@ def quantities(
     names = list(found)
     start = np.array([found[name] for name in names])
     if errors is None:
-        return {
-            name: Quantity(name, parameters[name].unit, value, value)
-            for name, value in found.items()
-        }
+        return {n: Quantity(n, parameters[n].unit, one, one) for n, one in found.items()}
     angle = np.array([parameters[name].kind == "angle" for name in names])
     noisy = np.array([parameters[name].noisy for name in names])
     total = _SAMPLES + _MODELS + 9 + 4
@@ -162,11 +171,7 @@ def quantities(
     by_model = [change(heights_mm + error) for error in errors.normals.model(pixel, _MODELS)]
     by_lights = [change(heights_mm + error) for error in errors.normals.lights(pixel)]
     enlarged = 1 + errors.scale_sigma
-    by_scale = (
-        change(heights_mm * enlarged, replace(resolution, pixel_mm=pixel * enlarged))
-        if errors.scale_sigma
-        else np.zeros_like(start)
-    )
+    by_scale = change(heights_mm * enlarged, replace(resolution, pixel_mm=pixel * enlarged))
     by_blur = np.zeros_like(start)
     if resolution.blur_sigma_px:
         wider, narrower = (
@@ -201,6 +206,7 @@ def quantities(
             float(start[i]),
             _combined(errors, float(value[i]), budget, shared),
             budget,
+            errors.doubts,
         )
     return results
 

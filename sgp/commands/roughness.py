@@ -185,8 +185,8 @@ def _along(
         if kind == "profile":
             found = measure_profile(*given, scales, surface.errors, on_progress=progress)
         else:
-            joined = surface.joined
-            found = measure_step(*given, surface.errors, joined=joined, on_progress=progress)
+            known = surface.known_mm
+            found = measure_step(*given, surface.errors, known_mm=known, on_progress=progress)
     except (acquisition.DataError, calibration.EstimateError) as error:
         raise type(error)(f"{kind} {name}: {error}") from error
     return Measured(name, kind, str(line), found.heights_mm, found.quantities, found.scales)

@@ -259,6 +259,8 @@ class SurfaceMetrics(MeshMetrics):
         `--prior`: pixels of the surface whose height is known
     prior_rms : `unit`
         rms difference between the surface and these heights
+    prior_sigma : `unit`
+        rms of the standard deviations of these heights
     jumps
         if the surface jumps: pairs of neighbours between which the surface jumps
     pieces
@@ -288,6 +290,7 @@ class SurfaceMetrics(MeshMetrics):
     difference_sigma: NotRequired[list[float]]
     prior_heights: NotRequired[int]
     prior_rms: NotRequired[float]
+    prior_sigma: NotRequired[float]
     jumps: NotRequired[int]
     pieces: NotRequired[int]
     settled: NotRequired[bool]

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -39,8 +40,9 @@ class SurfaceInput:
         What the instrument transmits.
     errors
         Error bars; None if the result has none.
-    joined
-        Whether known heights have determined the surface.
+    known_mm
+        Standard deviation of the known heights that determine all parts of the surface; None
+        without them.
     files, notices
         The files, and notices about them.
     """
@@ -49,7 +51,7 @@ class SurfaceInput:
     parts: Int32 | None
     resolution: Resolution
     errors: ErrorModel | None
-    joined: bool
+    known_mm: float | None
     files: list[Path]
     notices: list[rig.Notice] = field(default_factory=list)
 
@@ -75,10 +77,9 @@ def read_surface(path: Path, *, scale_sigma: float, max_pixels: int) -> SurfaceI
     """
     surface = read_heights(path, max_pixels)
     folder, record = surface.record_file.parent, surface.record
-    height_file = surface.height_file
-    metrics = record.metrics
+    metrics: Any = record.metrics
     heights = np.where(np.isfinite(surface.height), surface.height, np.float32(math.nan))
-    files = [surface.record_file, height_file]
+    files = [surface.record_file, surface.height_file]
     pixel, distance = surface.pixel_mm, surface.camera_mm
     if distance is not None and np.isfinite(heights).any():
         # Nearer pixels are smaller.
@@ -86,11 +87,11 @@ def read_surface(path: Path, *, scale_sigma: float, max_pixels: int) -> SurfaceI
     jumps = folder / "jumps.png"
     check_unchanged(jumps, record)
     files += [jumps] if jumps.is_file() else []
-    unknown = any(one.code in _UNKNOWN for one in record.notices)
-    joined = "prior_heights" in metrics and not unknown
-    parts = None
+    parts, known_mm = None, None
+    if "prior_rms" in metrics and not any(one.code in _UNKNOWN for one in record.notices):
+        known_mm = math.hypot(*(float(metrics.get(f"prior_{one}", 0)) for one in ("rms", "sigma")))
     count = metrics.get("parts")
-    if not joined and (jumps.is_file() or (isinstance(count, int) and count > 1)):
+    if known_mm is None and (jumps.is_file() or (isinstance(count, int) and count > 1)):
         parts = _parts(np.isfinite(heights), jumps, max_pixels)
     notices = list[rig.Notice]()
     normals = _normals_of(path, folder, record)
@@ -113,8 +114,10 @@ def read_surface(path: Path, *, scale_sigma: float, max_pixels: int) -> SurfaceI
                 NormalErrors(read.normal_map.normals, sigma.sigma_deg[:], sigma.common_deg),
                 math.hypot(scale_sigma, _height_share(normals, distance)),
             )
-        if normals.record.verdict not in (None, "good"):
-            notices.append(_verdict(normals))
+            if normals.record.verdict not in (None, "good"):
+                notices.append(_verdict(normals))
+                doubt = f"the verdict on the normals is {normals.record.verdict}"
+                errors = replace(errors, doubts=(doubt,))
     if errors is None:
         notices.append(
             rig.Notice(
@@ -126,13 +129,7 @@ def read_surface(path: Path, *, scale_sigma: float, max_pixels: int) -> SurfaceI
         )
     input_hashes(files)
     return SurfaceInput(
-        heights_mm=heights,
-        parts=parts,
-        resolution=Resolution.seen(pixel, blur),
-        errors=errors,
-        joined=joined,
-        files=files,
-        notices=notices,
+        heights, parts, Resolution.seen(pixel, blur), errors, known_mm, files, notices
     )
 
 

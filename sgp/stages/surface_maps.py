@@ -393,8 +393,10 @@ def _add_prior(
     result: Result, height_map: processing.HeightMap, prior: processing.HeightPrior
 ) -> None:
     """Add the number of known heights on the surface, and how far it is from them."""
-    off = (height_map.height - prior.height)[height_map.mask & prior.known].astype(np.float64)
-    rms = float(np.sqrt(np.mean(off**2)))
-    result.metrics = {**result.metrics, "prior_heights": len(off), "prior_rms": rms}
+    inside = height_map.mask & prior.known
+    off, sigma = (height_map.height - prior.height)[inside], prior.sigma[inside]
+    rms, stated = (float(np.sqrt(np.mean(one.astype(np.float64) ** 2))) for one in (off, sigma))
+    figures = {"prior_heights": len(off), "prior_rms": rms, "prior_sigma": stated}
+    result.metrics = {**result.metrics, **figures}
     heights = rig.pluralize(len(off), "known height")
     result.summary.append(f"{rms:.2g} {height_map.unit} rms from {heights}")

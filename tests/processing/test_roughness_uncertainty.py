@@ -102,7 +102,7 @@ def test_noise_is_removed_from_parameters_and_shown():
     found, truth = measured(0.0003, 0, sigma_deg=3.0)
     height = found.quantities["Sq"]
     assert abs(height.value - truth["Sq"]) < 2 * height.sigma < 2 * (height.measured - height.value)
-    assert set(height.budget) == set(SOURCES)
+    assert set(height.budget) == set(SOURCES) - {"known heights"}
     assert height.sigma == pytest.approx(float(height.result.std_dev), rel=1e-6)
 
 
@@ -216,7 +216,10 @@ def test_a_resolved_step_is_measured_and_an_unresolved_one_refused():
         else:
             with pytest.raises(DataError, match=r"the flank is .* wide.*known heights"):
                 measure_step(heights, line, Resolution(PIXEL), errors)
-            assert measure_step(heights, line, Resolution(PIXEL), errors, joined=True)
+            known = measure_step(heights, line, Resolution(PIXEL), errors, known_mm=0.02)
+            depth = known.quantities["d"]
+            assert depth.budget["known heights"] == pytest.approx(20 * math.sqrt(2))
+            assert depth.sigma == pytest.approx(depth.result.std_dev)
 
 
 LINES = {
@@ -269,6 +272,17 @@ DECISIONS = [
 @pytest.mark.parametrize(("value", "sigma", "limit", "answer"), DECISIONS)
 def test_the_uncertainty_counts_at_limits(value, sigma, limit, answer):
     assert Limit(parameter="Sq", **limit).judge(quantity(value, sigma)) == answer
+
+
+def test_doubts_about_a_recording_are_those_of_all_parameters():
+    z, *_ = relief(0.001)
+    normals = NormalMap.from_vectors(np.tile([0.0, 0.0, 1.0], (SIZE, SIZE, 1))).normals
+    stated = np.full((SIZE, SIZE), 0.5, np.float32)
+    errors = ErrorModel(NormalErrors(normals, stated, 0.1), doubts=("why",))
+    area, scales = np.ones(z.shape, bool), Scales("plane", 0.05, 0.0)
+    found = measure_area(z, area, SHARP, scales, errors).quantities["Sq"]
+    assert found.doubts == ("why",)
+    assert Limit(parameter="Sq", most=1e6).judge(found) == "undecided"
 
 
 def test_what_is_not_assured_proves_nothing():

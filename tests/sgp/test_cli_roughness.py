@@ -9,6 +9,7 @@ import pytest
 from acquisition import read_image, write_exr, write_mask, write_png
 from benchmarks.relief_fields import View, relief, seen, write_field
 from processing import NormalMap, read_normals, write_normals
+from processing.registration import Field
 from sgp.app import build, run
 
 PIXEL = 0.01
@@ -205,6 +206,41 @@ def test_values_have_uncertainties_and_limits_use_them(sgp, certain, tmp_path):
             json.loads((out / "roughness.json").read_text())["metrics"]["limits"][0]["answer"]
             == word
         )
+
+
+@pytest.mark.parametrize(
+    ("verdict", "word"), [("good", "conforms"), ("check", "undecided"), ("do-not-use", "undecided")]
+)
+def test_limits_prove_nothing_if_the_verdict_is_not_good(sgp, certain, tmp_path, verdict, word):
+    file = certain / "normals" / "normals.json"
+    record = json.loads(file.read_text())
+    record["verdict"] = verdict
+    record.pop("record_sha256", None)
+    file.write_text(json.dumps(record))
+    limits = tmp_path / "limits.toml"
+    limits.write_bytes(b'\xef\xbb\xbf[[limit]]\r\nparameter = "Sq"\r\nmost = 1e6\r\n')
+    answer = sgp("roughness", certain, "--limits", limits, "--json").figures()
+    assert [one["answer"] for one in answer["limits"]] == [word]
+
+
+def test_the_step_of_a_wall_has_the_uncertainty_of_known_heights(sgp, tmp_path):
+    """Normals show a third of the wall, and few known heights do not move the surface."""
+    slopes = np.zeros((60, 160))
+    slopes[:, 79:81] = 0.05 / PIXEL
+    vectors = np.dstack([-slopes, 0 * slopes, np.ones_like(slopes)])
+    vectors += np.random.default_rng(0).normal(0, 0.004, vectors.shape)
+    field = Field(NormalMap.from_vectors(vectors), None, np.full(slopes.shape, 0.3, np.float32))
+    write_field(tmp_path / "normals", field)
+    prior = tmp_path / "prior.csv"
+    points = [f"{x},{y},{0.2 * (x > 80)}\n" for x in (20, 60, 100, 140) for y in (10, 50)]
+    prior.write_text("".join(["x_px,y_px,height_mm\n", *points]))
+    words = ("surface", tmp_path / "normals", "--pixel-mm", PIXEL, "--smooth", "--prior", prior)
+    sgp(*words, "--prior-sigma", "0.001", "--out", tmp_path / "surface").ok()
+    answer = sgp("roughness", tmp_path, "--step", "10,30,150,30", "--json").figures()
+    depth = parameters(answer)["d"]
+    assert depth["value"] < 150
+    assert abs(depth["value"] - 200) < 2 * depth["sigma"] < 300
+    assert depth["budget"]["known heights"] > 50
 
 
 def other_normals(folder):
