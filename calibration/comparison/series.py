@@ -47,6 +47,7 @@ _FLOOR: Final = 2e-6
 _FLOOR_MM: Final = 1e-3
 _SINGULAR: Final = 1e-9
 _ORDER: Final = ("lights-reversed", "lights-flipped", "lights-swapped")
+_BY_ORDER: Final = "lights-matched-by-order"
 _NAMED: Final = 6
 
 
@@ -195,7 +196,7 @@ def light_drift(
     names = tuple(names) or tuple(f"calibration {n}" for n in range(1, len(calibrations) + 1))
     if len(calibrations) < _FEWEST:
         raise DataError(f"a series needs {_FEWEST} calibrations or more")
-    series = _matched(calibrations, names)
+    series, matching = _matched(calibrations, names)
     ids, near, level = series[0].ids, series[0].near, FALSE_ALARM / _FAMILIES / len(series)
     vectors = np.array([one.positions_mm if near else one.unit_directions for one in series])
     centre = np.median(vectors, axis=0)
@@ -230,11 +231,13 @@ def light_drift(
     )
     if drift.moved or drift.beyond.any():
         _check_order(series, names)
-    return replace(drift, warnings=tuple(_notices(drift, names, common)))
+    return replace(drift, warnings=(*matching, *_notices(drift, names, common)))
 
 
-def _matched(calibrations: Sequence[Lights], names: Sequence[str]) -> list[Lights]:
-    """Return the calibrations with the lights that all have, in the order of the first one."""
+def _matched(
+    calibrations: Sequence[Lights], names: Sequence[str]
+) -> tuple[list[Lights], list[Notice]]:
+    """Return the lights that all have, in the order of the first one, and notices about others."""
     first = calibrations[0]
     for n, other in enumerate(calibrations[1:], 1):
         if other.near != first.near:
@@ -244,15 +247,19 @@ def _matched(calibrations: Sequence[Lights], names: Sequence[str]) -> list[Light
             first = matched_lights(first, other)[0]
         except DataError as error:
             raise DataError(f"{names[0]} and {names[n]}: {error}") from error
-    series = [matched_lights(first, one)[1] for one in calibrations]
-    for n, one in enumerate(series):
-        for k, other in enumerate(series[:n]):
-            same = np.array_equal(one.unit_directions, other.unit_directions)
-            if same and np.array_equal(np.asarray(one.intensities), np.asarray(other.intensities)):
-                raise DataError(
-                    f"{names[k]} and {names[n]} have the same lights: give each calibration once"
-                )
-    return series
+    pairs = [matched_lights(first, one)[1:] for one in calibrations]
+    series = [one for one, _ in pairs]
+    for (k, one), (n, other) in itertools.combinations(enumerate(series), 2):
+        same = np.array_equal(one.unit_directions, other.unit_directions)
+        if same and np.array_equal(np.asarray(one.intensities), np.asarray(other.intensities)):
+            raise DataError(
+                f"{names[k]} and {names[n]} have the same lights: give each calibration once"
+            )
+    both = zip(calibrations, series, strict=True)
+    left = list(dict.fromkeys(name for of, kept in both for name in of.ids if name not in kept.ids))
+    text = f"not all calibrations have {listed(left, _NAMED)}: not compared"
+    notices = [Notice("lights-not-compared", text)] if left else []
+    return series, notices + [one for _, found in pairs for one in found if one.code == _BY_ORDER]
 
 
 def _check_order(series: Sequence[Lights], names: Sequence[str]) -> None:

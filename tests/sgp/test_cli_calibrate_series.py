@@ -108,6 +108,26 @@ def test_figures(sgp: Callable[..., object], folder: Path) -> None:
 
 
 @cases(
+    ("changed", "expected"),
+    {
+        "left out": (
+            lambda one: one.take([n for n in range(12) if n not in (3, 7)]),
+            "not all calibrations have L03, L07: not compared",
+        ),
+        "other names": (
+            lambda one: replace(one, ids=tuple(f"p{n}.jpg" for n in range(12))),
+            "lights with different names are matched by order (p0.jpg to L00 and so on)",
+        ),
+    },
+)
+def test_lights_that_do_not_correspond_are_named(
+    sgp: Callable[..., object], folder: Path, changed: Callable[[Lights], Lights], expected: str
+) -> None:
+    write_lights(folder / "d.json", changed(calibrations()[5]))
+    assert expected in sgp("calibrate", "check", *ALL.split()).err
+
+
+@cases(
     ("words", "code", "expected"),
     {
         "same file": ("a.json b.json ./a.json", 2, "a.json and a.json are the same file: give ea"),
