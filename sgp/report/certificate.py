@@ -84,12 +84,9 @@ def _heights(folder: ResultFolder, max_pixels: int, notices: list[rig.Notice]) -
     inputs = Inputs(folder)
     names = folder.roughness.inputs if folder.roughness else ()
     for path in (folder.located(name) for name in names):
-        if path.name != "height.exr":
-            continue
-        if inputs.state(path) != "same":
-            return None
-        with _noted(notices):
-            return read_map(path, max_pixels)
+        if path.name == "height.exr" and inputs.state(path) == "same":
+            with _noted(notices):
+                return read_map(path, max_pixels)
     return None
 
 

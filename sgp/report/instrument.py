@@ -14,7 +14,7 @@ import rig
 from sgp.pictures.light_errors import longest_sigmas
 from sgp.report.folder import Inputs, ResultFolder, changed_notice, noted
 from sgp.report.recording import Recording
-from sgp.results import read_record, records_of
+from sgp.results import read_record, records_of, verify_results
 
 Row = tuple[str, str]
 _STATED: Final = "as the recording states"
@@ -33,7 +33,7 @@ def instrument_rows(
     Raises
     ------
     DataError
-        If it is not, or does not contain the lights of the result.
+        If it is not, has changed, or does not contain the lights of the result.
     """
     files, changed = _files(folder, notices)
     rows: list[Row] = []
@@ -191,6 +191,9 @@ def _drift(folder: ResultFolder, check: Path) -> Row:
             f"{path}: is the record of {record.command}: give the folder that `sgp calibrate "
             "check --out` writes for three calibrations or more"
         )
+    notices = verify_results([path]).notices
+    if fault := next((one for one in notices if one.severity == "error"), None):
+        raise acquisition.DataError(str(fault))
     used = {digest for one in folder.records.values() for digest in one.inputs.values()}
     if used.isdisjoint(record.inputs.values()):
         raise acquisition.DataError(

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from acquisition import CameraModel, Flat, Lights, write_camera, write_exr
+from acquisition import CameraModel, DataError, Flat, Lights, write_camera, write_exr
 from acquisition.source import read_identity
 from acquisition.value_files import flat_files, write_flat, write_sensor
 from acquisition.values import Calibrated, LightErrors, Measured, MeasuredSensor, Setup
@@ -209,6 +209,22 @@ def test_a_drift_of_other_lights_is_refused(sgp, measured, tmp_path):
     ):
         assert text in sgp("report", result, "--check", check, "--out", page).error_line(4)
     assert not page.exists()
+
+
+@pytest.mark.parametrize(
+    ("file", "text"),
+    [
+        ("drift/check.json", "check.json: was changed"),
+        ("session/session.toml", "session.toml"),
+    ],
+)
+def test_a_drift_that_has_changed_is_refused(measured, file, text):
+    lights = measured.parent / "session" / "session.toml"
+    drift = drift_folder(measured.parent / "drift", [lights], beyond=("L01",))
+    path = measured.parent / file
+    path.write_text(path.read_text().replace('"beyond": true', '"beyond": false') + "\n")
+    with pytest.raises(DataError, match=text):
+        make_report([measured], max_pixels=MAX_PIXELS, check=drift)
 
 
 def test_the_instrument_is_that_of_the_files_that_the_record_names(tmp_path):
