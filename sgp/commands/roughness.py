@@ -33,7 +33,7 @@ from sgp.stages.write_roughness import limit_metrics, text_of
 if TYPE_CHECKING:
     from rig.arrays import Bool
 
-# Share of an area in parts other than the largest one that is worth a notice.
+# Share of an area without heights, or in parts other than the largest one, worth a notice.
 _OTHER_PARTS = 0.01
 
 
@@ -194,16 +194,18 @@ def _along(
 
 def _largest_part(made: Result, surface: SurfaceInput, area: Region) -> Bool:
     """Return the known pixels of an area in the largest part of the surface that it contains."""
-    known = area.inside(surface.heights_mm.shape) & np.isfinite(surface.heights_mm)
-    if surface.parts is None or not (known & (surface.parts >= 0)).any():
-        return known
-    counts = np.bincount(surface.parts[known & (surface.parts >= 0)])
-    largest: Bool = known & (surface.parts == int(counts.argmax()))
-    left_out = 1 - np.count_nonzero(largest) / np.count_nonzero(known)
-    if left_out > _OTHER_PARTS:
+    asked = area.inside(surface.heights_mm.shape)
+    largest: Bool = asked & np.isfinite(surface.heights_mm)
+    if area.mask is None and area.rectangle is None:
+        asked = largest
+    if surface.parts is not None and (largest & (surface.parts >= 0)).any():
+        counts = np.bincount(surface.parts[largest & (surface.parts >= 0)])
+        largest = largest & (surface.parts == int(counts.argmax()))
+    left_out = 1 - np.count_nonzero(largest) / max(np.count_nonzero(asked), 1)
+    if left_out > _OTHER_PARTS and largest.any():
         text = (
-            f"{left_out:.1%} of region {area.name} are in other parts, whose height relative to "
-            "the largest one is not known: they were left out"
+            f"{left_out:.1%} of region {area.name} have no height, or are in other parts, whose "
+            "height relative to the largest one is not known: they were left out"
         )
         made.warnings.append(rig.Notice("roughness-parts", text))
     return largest

@@ -122,8 +122,7 @@ def _svg(picture: Floating, crop: Crop, marks: Sequence[Html], label: str) -> Ht
 
 def _mark(one: Any, size: float) -> list[Html]:
     """Return outline and name of a place in a picture of some size."""
-    numbers = [float(number) for number in one["place"].split(",")]
-    x, y, across, down = numbers[:4]
+    x, y, across, down = map(float, one["place"].split(",")[:4])
     if one["kind"] == "area":
         box = {"x": x - 0.5, "y": y - 0.5, "width": across, "height": down}
         parts = [tag("rect", **box, class_=kind) for kind in ("halo", "outline")]

@@ -130,6 +130,9 @@ def test_parts_are_not_compared(sgp, result, tmp_path):
     answer = sgp("roughness", tmp_path, "--json")
     assert "roughness-parts" in answer.codes()
     assert answer.figures()["regions"][0]["pixels"] == 100 * SIZE
+    partly = sgp("roughness", tmp_path, "--region", "rim=80,20,24,40").ok()
+    (text,) = (one for one in partly.err.splitlines() if "region rim" in one)
+    assert "16.7% of region rim have no height" in text
     for option in ("--line", "--step"):
         line = sgp("roughness", tmp_path, option, "80,80,140,80").error_line(4)
         assert "crosses a hole or a jump" in line
