@@ -14,7 +14,7 @@ from processing.roughness.areal_parameters import Parameter
 from rig.arrays import Bool, Float64
 
 STEP: Final[Mapping[str, Parameter]] = {
-    "d": Parameter("height", "um", "height of the step, or depth of the groove", False),
+    "d": Parameter("height", "um", "height of the step or groove, negative if it falls", False),
     "W": Parameter("length", "mm", "width of the groove at half of its depth", False),
     "flank": Parameter("length", "mm", "width of the narrowest flank", False),
 }

@@ -186,7 +186,8 @@ def _row(measured: Measured, one: Quantity) -> dict[str, str]:
         "region": measured.name,
         "kind": measured.kind,
         "place_px": measured.place,
-        "form": "" if scales is None else scales.form,
+        # The budget has a column "form".
+        "nominal_form": "" if scales is None else scales.form,
         "s_mm": "" if scales is None else f"{scales.s_mm:g}",
         "l_mm": "" if scales is None else f"{scales.l_mm:g}",
         "parameter": one.name,

@@ -197,6 +197,12 @@ def test_values_have_uncertainties_and_limits_use_them(sgp, certain, tmp_path):
     words = ("roughness", certain, "--l-mm", "0")
     answer = sgp(*words, "--scale-percent", "1", "--json").figures()
     height = {one["name"]: one for one in answer["regions"][0]["parameters"]}["Sq"]
+    sgp(*words, "--scale-percent", "1", "--out", tmp_path / "table").ok()
+    with (tmp_path / "table" / "parameters.csv").open() as file:
+        row = next(one for one in csv.DictReader(file) if one["parameter"] == "Sq")
+    assert row["nominal_form"] == "plane"
+    budget = {name: float(row[name.replace(" ", "_")]) for name in height["budget"]}
+    assert budget == pytest.approx(height["budget"], rel=1e-5)
     assert height["budget"]["scale"] == pytest.approx(0.01 * height["value"], rel=0.2)
     assert 0 < height["sigma"] < 0.2 * height["value"]
     limits = tmp_path / "limits.toml"
