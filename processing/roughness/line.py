@@ -75,11 +75,7 @@ class Line:
         x = self.x0 + along[0] * np.arange(count) - along[1] * apart
         y = self.y0 + along[1] * np.arange(count) + along[0] * apart
         edge = 1e-6
-        if (
-            min(x.min(), y.min()) < -edge
-            or x.max() > width - 1 + edge
-            or y.max() > height - 1 + edge
-        ):
+        if max(-x.min(), -y.min(), x.max() - width + 1, y.max() - height + 1) > edge:
             raise DataError(
                 f"leaves the image of {width} x {height} pixels, whose last pixel is "
                 f"{width - 1},{height - 1}"

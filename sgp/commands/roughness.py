@@ -201,7 +201,7 @@ def _largest_part(made: Result, surface: SurfaceInput, area: Region) -> Bool:
     if surface.parts is not None and (largest & (surface.parts >= 0)).any():
         counts = np.bincount(surface.parts[largest & (surface.parts >= 0)])
         largest = largest & (surface.parts == int(counts.argmax()))
-    left_out = 1 - np.count_nonzero(largest) / max(np.count_nonzero(asked), 1)
+    left_out = 1 - np.count_nonzero(largest) / max(int(np.count_nonzero(asked)), 1)
     if left_out > _OTHER_PARTS and largest.any():
         text = (
             f"{left_out:.1%} of region {area.name} have no height, or are in other parts, whose "
