@@ -116,7 +116,7 @@ def roughness(
             _along(surface, "profile", name, one, scales, progress) for name, one in profiles
         ]
         measured += [_along(surface, "step", name, one, scales, progress) for name, one in steps]
-    resolution = surface.resolution
+    resolution = surface.resolution_of(surface.heights_mm)
     metrics = RoughnessMetrics(
         pixel_mm=resolution.pixel_mm,
         lens_blur_px=resolution.blur_px,
@@ -141,7 +141,7 @@ def roughness(
     made.metrics = metrics
     if out is not None:
         claim_folder(out, "roughness.json")
-        write_roughness(made, measured, judged, resolution.pixel_mm, out)
+        write_roughness(made, measured, judged, out)
     return made
 
 
@@ -152,15 +152,15 @@ def _area(
     heights = surface.heights_mm
     if area.mask is not None or surface.parts is not None:
         heights = np.where(inside, heights, np.float32(math.nan))
+    seen = surface.resolution_of(heights[inside])
     try:
-        found = measure_area(
-            heights, inside, surface.resolution, scales, surface.errors, on_progress=progress
-        )
+        found = measure_area(heights, inside, seen, scales, surface.errors, on_progress=progress)
     except (acquisition.DataError, calibration.EstimateError) as error:
         raise type(error)(f"region {area.name}: {error}") from error
     rows, columns = bounding_box(inside)
     place = f"{columns.start},{rows.start},{columns.stop - columns.start},{rows.stop - rows.start}"
-    return Measured(area.name, "area", place, found.heights_mm, found.quantities, found.scales)
+    heights, scales, pixel = found.heights_mm, found.scales, seen.pixel_mm
+    return Measured(area.name, "area", place, heights, found.quantities, scales, pixel)
 
 
 def _along(
@@ -180,8 +180,8 @@ def _along(
         )
         same = surface.parts == surface.parts[row, column]
         heights = np.where(same, heights, np.float32(math.nan))
-    given = heights, line, surface.resolution
     try:
+        given = heights, line, surface.resolution_of(line.of(heights))
         if kind == "profile":
             found = measure_profile(*given, scales, surface.errors, on_progress=progress)
         else:
@@ -189,7 +189,8 @@ def _along(
             found = measure_step(*given, surface.errors, known_mm=known, on_progress=progress)
     except (acquisition.DataError, calibration.EstimateError) as error:
         raise type(error)(f"{kind} {name}: {error}") from error
-    return Measured(name, kind, str(line), found.heights_mm, found.quantities, found.scales)
+    values, place, pixel = found.heights_mm, str(line), given[2].pixel_mm
+    return Measured(name, kind, place, values, found.quantities, found.scales, pixel)
 
 
 def _largest_part(made: Result, surface: SurfaceInput, area: Region) -> Bool:

@@ -58,7 +58,8 @@ def certificate(
         file = folder.path / record.outputs.get(f"heights_{number}", "")
         with _noted(notices):
             if one["kind"] == "area":
-                drawn.append(area_figure(file, heights, one, pixel, max_pixels))
+                scale = one.get("pixel_mm", pixel)
+                drawn.append(area_figure(file, heights, one, scale, max_pixels))
             else:
                 drawn.append(line_figure(file, one["name"]))
         regions.append(_region(one, drawn))

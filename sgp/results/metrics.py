@@ -1197,6 +1197,8 @@ class MeasuredMetrics(TypedDict):
         `x,y,w,h` of the rectangle around an area, or the line, in pixels
     pixels : px
         pixels with a height
+    pixel_mm : mm
+        distance between neighbouring pixels at its mean height
     form
         form that was removed
     s_mm : mm
@@ -1211,6 +1213,7 @@ class MeasuredMetrics(TypedDict):
     kind: Literal["area", "profile", "step"]
     place: str
     pixels: int
+    pixel_mm: NotRequired[float]
     form: NotRequired[str]
     s_mm: NotRequired[float]
     l_mm: NotRequired[float]

@@ -14,7 +14,7 @@ import processing
 import rig
 from processing.roughness import ErrorModel, NormalErrors, Resolution
 from processing.surface.grid_graph import label_parts
-from rig.arrays import Bool, Float32, Int32
+from rig.arrays import Bool, Float32, Floating, Int32
 from sgp.pictures.jumps import JUMP_DOWN, JUMP_RIGHT
 from sgp.results import ResultRecord, input_hashes, sha256
 from sgp.stages.result_source import NormalsResult, check_unchanged, find_normals, has_normals
@@ -37,7 +37,9 @@ class SurfaceInput:
         ``(H, W)`` int32 parts whose relative heights are not known, -1 for pixels without
         neighbours; None if there is one.
     resolution
-        What the instrument transmits.
+        What the instrument transmits, at the height 0.
+    camera_mm
+        Distance of the camera from the height 0; None if lines of sight are parallel.
     errors
         Error bars; None if the result has none.
     known_mm
@@ -50,10 +52,19 @@ class SurfaceInput:
     heights_mm: Float32
     parts: Int32 | None
     resolution: Resolution
+    camera_mm: float | None
     errors: ErrorModel | None
     known_mm: float | None
     files: list[Path]
     notices: list[rig.Notice] = field(default_factory=list)
+
+    def resolution_of(self, heights_mm: Floating) -> Resolution:
+        """Return the resolution at the mean of some heights: nearer pixels are smaller."""
+        known = heights_mm[np.isfinite(heights_mm)]
+        if self.camera_mm is None or not known.size:
+            return self.resolution
+        share = 1 - float(known.mean(dtype=np.float64)) / self.camera_mm
+        return replace(self.resolution, pixel_mm=share * self.resolution.pixel_mm)
 
 
 def read_surface(path: Path, *, scale_sigma: float, max_pixels: int) -> SurfaceInput:
@@ -80,28 +91,22 @@ def read_surface(path: Path, *, scale_sigma: float, max_pixels: int) -> SurfaceI
     metrics: Any = record.metrics
     heights = np.where(np.isfinite(surface.height), surface.height, np.float32(math.nan))
     files = [surface.record_file, surface.height_file]
-    pixel, distance = surface.pixel_mm, surface.camera_mm
-    if distance is not None and np.isfinite(heights).any():
-        # Nearer pixels are smaller.
-        pixel *= 1 - float(np.nanmean(heights)) / distance
     jumps = folder / "jumps.png"
     check_unchanged(jumps, record)
     files += [jumps] if jumps.is_file() else []
     parts, known_mm = None, None
     if "prior_rms" in metrics and not any(one.code in _UNKNOWN for one in record.notices):
         known_mm = math.hypot(*(float(metrics.get(f"prior_{one}", 0)) for one in ("rms", "sigma")))
-    count = metrics.get("parts")
-    if known_mm is None and (jumps.is_file() or (isinstance(count, int) and count > 1)):
+    if known_mm is None and (jumps.is_file() or metrics.get("parts", 1) > 1):
         parts = _parts(np.isfinite(heights), jumps, max_pixels)
     notices = list[rig.Notice]()
     normals = _normals_of(path, folder, record)
     errors, blur = None, None
     if normals is not None:
         sigma_file = normals.folder / "normal_sigma_deg.exr"
-        stated = normals.record.metrics.get("lens_blur_px")
-        blur = float(stated) if isinstance(stated, (int, float)) else None
-        certain = isinstance(normals.record.metrics.get("normal_sigma_deg"), (int, float))
-        if certain and sigma_file.is_file():
+        figures: Any = normals.record.metrics
+        blur = figures.get("lens_blur_px")
+        if figures.get("normal_sigma_deg") is not None and sigma_file.is_file():
             read = processing.read_normals(normals.folder, max_pixels=max_pixels)
             sigma = read_sigma(sigma_file, read.normal_map.mask, max_pixels)
             files += [normals.record_file, *read.files, sigma_file]
@@ -110,27 +115,24 @@ def read_surface(path: Path, *, scale_sigma: float, max_pixels: int) -> SurfaceI
                 notices.append(_exact_lights(normals))
             for one in (*read.files, sigma_file):
                 check_unchanged(one, normals.record)
+            height = figures.get("mean_height_sigma_mm") or 0.0
             errors = ErrorModel(
                 NormalErrors(read.normal_map.normals, sigma.sigma_deg[:], sigma.common_deg),
-                math.hypot(scale_sigma, _height_share(normals, distance)),
+                math.hypot(scale_sigma, height / (surface.camera_mm or math.inf)),
             )
             if normals.record.verdict not in (None, "good"):
                 notices.append(_verdict(normals))
                 doubt = f"the verdict on the normals is {normals.record.verdict}"
                 errors = replace(errors, doubts=(doubt,))
     if errors is None:
-        notices.append(
-            rig.Notice(
-                "roughness-without-errors",
-                "error bars of the normals are not known, so parameters have no uncertainty, and "
-                "noise is not removed from them",
-                str(path),
-            )
+        text = (
+            "error bars of the normals are not known, so parameters have no uncertainty, and noise "
+            "is not removed from them"
         )
+        notices.append(rig.Notice("roughness-without-errors", text, str(path)))
     input_hashes(files)
-    return SurfaceInput(
-        heights, parts, Resolution.seen(pixel, blur), errors, known_mm, files, notices
-    )
+    seen = Resolution.seen(surface.pixel_mm, blur)
+    return SurfaceInput(heights, parts, seen, surface.camera_mm, errors, known_mm, files, notices)
 
 
 def _parts(known: Bool, jumps: Path, max_pixels: int) -> Int32:
@@ -175,14 +177,6 @@ def _integrated(normals: NormalsResult, record: ResultRecord) -> bool:
         return normals.record.inputs.items() <= record.inputs.items()
     hashes = {sha256(file) for file in normals.folder.glob("normals.*")}
     return not hashes.isdisjoint(record.inputs.values())
-
-
-def _height_share(normals: NormalsResult, distance: object) -> float:
-    """Return the deviation of the mean height relative to the distance of the camera."""
-    sigma = normals.record.metrics.get("mean_height_sigma_mm")
-    if isinstance(sigma, (int, float)) and isinstance(distance, (int, float)):
-        return float(sigma) / float(distance)
-    return 0.0
 
 
 def _exact_lights(normals: NormalsResult) -> rig.Notice:

@@ -37,6 +37,8 @@ class Measured:
         The parameters.
     scales
         Form and filters; None for a step.
+    pixel_mm
+        Distance between neighbouring pixels at its mean height.
     """
 
     name: str
@@ -45,6 +47,7 @@ class Measured:
     heights_mm: AnyArray
     quantities: Mapping[str, Quantity]
     scales: Scales | None
+    pixel_mm: float
 
     def metrics(self) -> MeasuredMetrics:
         """Return the figures."""
@@ -53,6 +56,7 @@ class Measured:
             kind=self.kind,
             place=self.place,
             pixels=int(np.count_nonzero(np.isfinite(self.heights_mm))),
+            pixel_mm=self.pixel_mm,
             parameters=[_figures(one) for one in self.quantities.values()],
         )
         if self.scales is not None:
@@ -91,7 +95,6 @@ def write_roughness(
     result: Result,
     measured: Sequence[Measured],
     judged: Sequence[tuple[Limit, str, Quantity, Conformity]],
-    step_mm: float,
     out: Path,
 ) -> None:
     """Write the table, the heights and the picture."""
@@ -106,12 +109,12 @@ def write_roughness(
                 panels.append(signed_panel(f"{one.name}: heights", 1000 * one.heights_mm, "um"))
         else:
             lines = [
-                {"position_mm": f"{at * step_mm:.7g}", "height_mm": f"{height:.9g}"}
+                {"position_mm": f"{at * one.pixel_mm:.7g}", "height_mm": f"{height:.9g}"}
                 for at, height in enumerate(one.heights_mm)
             ]
             _write_table(result, f"heights_{number}", out / f"heights_{number}.csv", lines)
             if len(panels) < _SHOWN:
-                panels.append(_line_panel(one, step_mm))
+                panels.append(_line_panel(one))
     path = result.file("picture", out / "roughness.png")
     write_overview(path, "Roughness", panels, columns=min(len(panels), 3))
     if judged:
@@ -146,14 +149,14 @@ def limit_metrics(
     ]
 
 
-def _line_panel(one: Measured, step_mm: float) -> Panel:
+def _line_panel(one: Measured) -> Panel:
     from matplotlib.axes import Axes
 
     from sgp.pictures import set_plot_area
 
     def draw(axes: Axes) -> None:
         set_plot_area(axes)
-        axes.plot(np.arange(len(one.heights_mm)) * step_mm, 1000 * one.heights_mm, lw=1)
+        axes.plot(np.arange(len(one.heights_mm)) * one.pixel_mm, 1000 * one.heights_mm, lw=1)
         axes.set_xlabel("position (mm)", fontsize=8)
         axes.set_ylabel("height (um)", fontsize=8)
         axes.tick_params(labelsize=8)

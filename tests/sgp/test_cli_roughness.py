@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from acquisition import read_image, write_exr, write_mask, write_png
+from acquisition import CameraModel, read_image, write_camera, write_exr, write_mask, write_png
 from benchmarks.relief_fields import View, relief, seen, write_field
 from processing import NormalMap, read_normals, write_normals
 from processing.registration import Field
@@ -250,6 +250,30 @@ def test_the_step_of_a_wall_has_the_uncertainty_of_known_heights(sgp, tmp_path):
     assert depth["value"] < 150
     assert abs(depth["value"] - 200) < 2 * depth["sigma"] < 300
     assert depth["budget"]["known heights"] > 50
+
+
+def test_pixels_are_those_at_the_height_of_a_place(sgp, tmp_path):
+    """Waves of 6 mm on two levels: a camera sees the upper one nearer and larger."""
+    size, distance, wave = (60, 240), 600.0, 2 * np.pi / 6
+    camera = CameraModel([[1200, 0, 119.5], [0, 1200, 29.5], [0, 0, 1]], *size[::-1], distance)
+    write_camera(tmp_path / "camera.json", camera)
+    column, z = np.arange(240) - 119.5, np.zeros(240)
+    for _ in range(100):
+        x = column * (distance - z) / 1200
+        z = 14 * np.tanh(x / 14) + 0.2 * np.sin(wave * x)
+    slopes = np.tile(np.cosh(x / 14) ** -2 + 0.2 * wave * np.cos(wave * x), (size[0], 1))
+    vectors = np.dstack([-slopes, 0 * slopes, np.ones_like(slopes)])
+    write_normals(tmp_path / "normals", NormalMap.from_vectors(vectors))
+    words = ("surface", tmp_path / "normals", "--camera", tmp_path / "camera.json", "--smooth")
+    sgp(*words, "--out", tmp_path / "surface").ok()
+    lines = "--line", "5,30,60,30", "--line", "180,30,235,30"
+    words = ("roughness", tmp_path, *lines, "--l-mm", "0", "--form", "quadric", "--json")
+    answer = sgp(*words).figures()
+    for number, columns in enumerate((slice(5, 61), slice(180, 236))):
+        pixel = (1 - z[columns].mean() / distance) / 2
+        assert answer["regions"][number]["pixel_mm"] == pytest.approx(pixel, rel=1e-3)
+        width = parameters(answer, number)["RSm"]["value"]
+        assert width == pytest.approx(6, rel=0.01)
 
 
 def other_normals(folder):
