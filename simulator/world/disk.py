@@ -213,6 +213,15 @@ class Disk:
         node.certain = bytes(node.content)
         path.write_bytes(node.content)
 
+    def lose(self, path: Path) -> None:
+        """Remove a file, as the check of a damaged file system does."""
+        folder = self._node(path.parent)
+        if folder is not None and self._node(path) is not None:
+            self._make_certain(folder)
+            _apply(_Change([(folder, path.name, None)]), certain=False)
+            _apply(_Change([(folder, path.name, None)]), certain=True)
+            path.unlink()
+
     def _write(
         self, descriptor: int, data: bytes, at: int, call: Callable[[int, bytes], int]
     ) -> int:

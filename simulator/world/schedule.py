@@ -11,10 +11,12 @@ from typing import Any
 
 from acquisition import DataError
 
-VERSION = 1
+VERSION = 2
 # The steps of a recording among which the faults are spread.
 _STEPS = 1300
-_FAULTS = (4, 16)
+_FAULTS = (3, 13)
+# How often a fault recurs, and within how many steps.
+_RECURS, _SOON = 0.2, 400
 _MOST_MS = 300
 
 
@@ -53,6 +55,7 @@ KINDS: dict[str, float] = {
     "lamp:dark": 2.0,
     "board:brown-out": 4.0,
     "board:away": 2.0,
+    "wire:stray-trigger": 3.0,
     "line:garbage": 3.0,
     "line:delay": 2.0,
     "line:split": 3.0,
@@ -68,6 +71,7 @@ KINDS: dict[str, float] = {
     "disk:slow": 2.0,
     "disk:short-write": 2.0,
     "disk:rot": 2.0,
+    "disk:lost-file": 1.0,
     "host:busy": 3.0,
     "host:clock-step": 2.0,
     "host:power-loss": 3.0,
@@ -96,14 +100,17 @@ class Schedule:
 
     @classmethod
     def drawn(cls, seed: int) -> Schedule:
-        """Draw about ten faults."""
+        """Draw about ten faults; some of them recur soon, as those of a bad cable or supply do."""
         generator = random.Random(f"schedule {VERSION} {seed}")
         kinds, weights = list(KINDS), list(KINDS.values())
         chosen = generator.choices(kinds, weights, k=generator.randint(*_FAULTS))
-        events = (
-            Event(generator.randrange(_STEPS), kind, generator.randint(1, _MOST_MS))
-            for kind in chosen
-        )
+        events = []
+        for kind in chosen:
+            step, value = generator.randrange(_STEPS), generator.randint(1, _MOST_MS)
+            events.append(Event(step, kind, value))
+            while generator.random() < _RECURS:
+                step += generator.randint(1, _SOON)
+                events.append(Event(step, kind, value))
         return cls(seed, tuple(sorted(events, key=lambda event: event.step)))
 
     def to_json(self) -> str:

@@ -11,9 +11,9 @@ from datetime import UTC, datetime, timedelta
 from functools import partial
 from inspect import isfunction
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Literal, cast
 
-from rig import CameraError, Rig, RigConfig
+from rig import CameraError, RigConfig, Shot
 from rig.board import Board
 from rig.host import clock, filesystem, lines, program, threads
 from rig.shooting import lights_off
@@ -23,6 +23,7 @@ from simulator.scene.rig_scenes import bench_sensor
 from simulator.world.camera import CameraFault, WorldCamera
 from simulator.world.disk import Disk, DiskFault
 from simulator.world.line import WorldBoard, WorldLine
+from simulator.world.rig import WatchedRig
 from simulator.world.schedule import Event, Schedule
 from simulator.world.scheduler import (
     Condition,
@@ -54,8 +55,10 @@ class World:
         Empty folder: its ``disk`` is the disk of the world.
     leds
         Number of LEDs of the rig.
-    sequences
-        Whether the board triggers the camera.
+    trigger
+        What triggers the camera.
+    wired
+        Whether the camera's exposure-active output reaches the board.
     formation
         How images form; that of the bench by default.
     log
@@ -71,6 +74,8 @@ class World:
         Whether the power held until the end of the last program.
     second
         Starts the program of a second operator; None for none.
+    shots
+        Shots that its rigs have returned.
     """
 
     def __init__(
@@ -79,7 +84,8 @@ class World:
         folder: Path,
         *,
         leds: int = 6,
-        sequences: bool = False,
+        trigger: Literal["software", "board"] = "software",
+        wired: bool = True,
         formation: ImageFormation | None = None,
         log: Callable[[str], None] | None = None,
     ) -> None:
@@ -88,7 +94,7 @@ class World:
         self.scheduler = Scheduler(schedule.seed, self._step)
         (folder / "disk").mkdir()
         self.disk = Disk(folder / "disk", self.scheduler.random, self.scheduler.step, self._pause)
-        self.board = WorldBoard(self.scheduler, leds)
+        self.board = WorldBoard(self.scheduler, leds, wired=wired)
         self.camera: WorldCamera | None = None
         self.camera_faults: dict[int, CameraFault] = {}
         self._camera_back_ns = 0
@@ -97,16 +103,17 @@ class World:
             name="world",
             driver="world",
             leds=leds,
-            trigger="board" if sequences else "software",
+            trigger=trigger,
             frame_timeout_s=1.0,
         )
         self.met: list[Event] = []
         self.second: Callable[[], object] | None = None
+        self.shots: list[Shot] = []
         self._left = list(schedule.events)
         self._log = log
         self._clock_off = timedelta()
         self.powered = True
-        self.rotted: set[str] = set()
+        self.damaged: set[str] = set()
 
     def run(self, name: str, main: Callable[[], object]) -> Program:
         """Run a program in the world to its end, or until it or the power is gone."""
@@ -127,11 +134,11 @@ class World:
         finally:
             self._end()
 
-    def open_rig(self) -> Rig:
+    def open_rig(self) -> WatchedRig:
         """Open the rig of the world; to be called in it."""
         board = Board(self.board.port)
         try:
-            return Rig(board, self.open_camera(), self.config, open_camera=self.open_camera)
+            return WatchedRig(self.shots, board, self.open_camera(), self.config, self.open_camera)
         except BaseException:
             board.close()
             raise
@@ -209,10 +216,14 @@ class World:
         elif place == "board":
             # An LED; milliseconds that are about those of a shot; others are plausible as they are.
             most = {"wrong-led": self.leds, "goes-dark": 30}.get(kind, value + 1)
-            lights = "FLASH" if self.config.trigger == "board" else "ON"
-            verb = lights if kind in ("wrong-led", "goes-dark") else None
+            verbs = {"wrong-led": ("FLASH", "STEP"), "goes-dark": ("FLASH", "RUN")}.get(kind)
+            if verbs is not None and self.config.trigger == "software":
+                verbs = ("ON", "ON")
+            verb = verbs and verbs[value // 30 % 2]
             fault = BoardFault(kind=cast(FaultKind, kind), verb=verb, value=value % most)
             self.board.add_fault(fault)
+        elif kind == "stray-trigger":
+            self.board.history.disturb(scheduler.now_ns + value * 100_000)
         elif kind == "garbage":
             self.board.garbage(scheduler.random.randbytes(value % 40 + 1))
         elif kind == "delay":
@@ -223,8 +234,8 @@ class World:
             self.camera.dark = value % 3 + 1
         elif place == "camera" and self.camera is not None:
             self.camera.fault = cast(CameraFault, kind)
-        elif kind == "rot":
-            self._rot(value)
+        elif kind in ("rot", "lost-file"):
+            self._damage(value, lost=kind == "lost-file")
         elif place == "disk":
             self.disk.faults[cast(DiskFault, kind)] = {"full": 30 * value, "slow": value / 8}.get(
                 kind, 1
@@ -256,13 +267,16 @@ class World:
     def _running(self) -> list[Program]:
         return list(dict.fromkeys(task.program for task in self.scheduler.tasks))
 
-    def _rot(self, value: int) -> None:
+    def _damage(self, value: int, *, lost: bool) -> None:
         frames = sorted(self.disk.root.glob("*/frames/[!.]*"))
         if frames:
             path = frames[value % len(frames)]
-            self.say(f"rot {path.name}")
-            self.rotted.add(path.name)
-            self.disk.rot(path, self.scheduler.random.randrange(10**6))
+            self.say(f"damage {path.name}")
+            self.damaged.add(path.name)
+            if lost:
+                self.disk.lose(path)
+            else:
+                self.disk.rot(path, self.scheduler.random.randrange(10**6))
 
     def _pause(self, seconds: float) -> None:
         scheduler = self.scheduler
