@@ -14,9 +14,10 @@ from acquisition import DataError
 VERSION = 2
 # The steps of a recording among which the faults are spread.
 _STEPS = 1300
-_FAULTS = (3, 13)
-# How often a fault recurs, and within how many steps.
-_RECURS, _SOON = 0.2, 400
+_FAULTS = (3, 12)
+# Share of the faults that recur when a program has just been started again and recovers what is
+# there; the steps that this takes; the programs among which they are spread.
+_RECUR, _RECOVERY_STEPS, _MOST_AFTER = 0.4, 400, 3
 _MOST_MS = 300
 
 
@@ -32,11 +33,15 @@ class Event:
         One of `KINDS`.
     value
         Its meaning depends on the kind: milliseconds, a number of bytes, or a choice.
+    after
+        If it is not 0, ``step`` counts from the start of the program that is started after so many
+        others have ended.
     """
 
     step: int
     kind: str
     value: int = 0
+    after: int = 0
 
 
 # Without double-led: which wire has two LEDs, only a self-test can find out.
@@ -70,8 +75,8 @@ KINDS: dict[str, float] = {
     "disk:flush-fails": 1.0,
     "disk:slow": 2.0,
     "disk:short-write": 2.0,
-    "disk:rot": 2.0,
-    "disk:lost-file": 1.0,
+    "disk:rot": 3.0,
+    "disk:lost-file": 2.0,
     "host:busy": 3.0,
     "host:clock-step": 2.0,
     "host:power-loss": 3.0,
@@ -100,17 +105,17 @@ class Schedule:
 
     @classmethod
     def drawn(cls, seed: int) -> Schedule:
-        """Draw about ten faults; some of them recur soon, as those of a bad cable or supply do."""
+        """Draw about ten faults."""
         generator = random.Random(f"schedule {VERSION} {seed}")
         kinds, weights = list(KINDS), list(KINDS.values())
         chosen = generator.choices(kinds, weights, k=generator.randint(*_FAULTS))
         events = []
         for kind in chosen:
-            step, value = generator.randrange(_STEPS), generator.randint(1, _MOST_MS)
-            events.append(Event(step, kind, value))
-            while generator.random() < _RECURS:
-                step += generator.randint(1, _SOON)
-                events.append(Event(step, kind, value))
+            events.append(Event(generator.randrange(_STEPS), kind, generator.randint(1, _MOST_MS)))
+            if generator.random() < _RECUR:
+                after = generator.randint(1, _MOST_AFTER)
+                step = generator.randrange(_RECOVERY_STEPS)
+                events.append(Event(step, kind, generator.randint(1, _MOST_MS), after))
         return cls(seed, tuple(sorted(events, key=lambda event: event.step)))
 
     def to_json(self) -> str:

@@ -14,7 +14,15 @@ from pathlib import Path
 
 import numba
 
-from acquisition import CapturePlan, DataError, Labels, StorageError, record, resume
+from acquisition import (
+    CapturePlan,
+    DataError,
+    Labels,
+    MissingPathError,
+    StorageError,
+    record,
+    resume,
+)
 from acquisition.engine.recording_loop import RecordingHooks
 from acquisition.session import SessionWriter, verify_session
 from acquisition.session.journal import Echo, FrameLine
@@ -206,7 +214,7 @@ class Trial:
                 self._resume(retake_damaged=False)
             else:
                 self._by_hand()
-        except _EXPECTED as error:
+        except (*_EXPECTED, MissingPathError) as error:
             self.world.say(f"second: {error}")
         except Exception as error:  # noqa: BLE001 - judged here
             self._note(f"second ended with {type(error).__name__}: {error}")
@@ -261,8 +269,9 @@ class Trial:
         # What was not reported as safe may be lost with the power.
         if len(now.lines) < len(before.lines) and self.world.powered:
             yield "the journal has lost lines"
-        if self.world.powered and not self.world.damaged and before.kept - now.kept:
-            yield f"{len(before.kept - now.kept)} files of frames have disappeared"
+        damaged = {before.files.get(name) for name in self.world.damaged}
+        if self.world.powered and (gone := before.kept - now.kept - damaged):
+            yield f"{len(gone)} files of frames have disappeared"
         if now.complete and not before.complete and set(before.damaged) & set(now.damaged):
             yield "completed although a frame was damaged before"
         exposures = dict(enumerate(self._plan.exposures_us))

@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from inspect import isfunction
@@ -93,7 +94,13 @@ class World:
         self.leds = leds
         self.scheduler = Scheduler(schedule.seed, self._step)
         (folder / "disk").mkdir()
-        self.disk = Disk(folder / "disk", self.scheduler.random, self.scheduler.step, self._pause)
+        self.disk = Disk(
+            folder / "disk",
+            self.scheduler.random,
+            self.scheduler.step,
+            self._pause,
+            lambda: self.scheduler.program,
+        )
         self.board = WorldBoard(self.scheduler, leds, wired=wired)
         self.camera: WorldCamera | None = None
         self.camera_faults: dict[int, CameraFault] = {}
@@ -109,7 +116,9 @@ class World:
         self.met: list[Event] = []
         self.second: Callable[[], object] | None = None
         self.shots: list[Shot] = []
-        self._left = list(schedule.events)
+        self._left: list[Event] = []
+        self._later = list(schedule.events)
+        self._programs = 0
         self._log = log
         self._clock_off = timedelta()
         self.powered = True
@@ -117,7 +126,7 @@ class World:
 
     def run(self, name: str, main: Callable[[], object]) -> Program:
         """Run a program in the world to its end, or until it or the power is gone."""
-        self.powered = True
+        self._begin()
         try:
             with self._installed():
                 return self.scheduler.run(name, main)
@@ -127,7 +136,7 @@ class World:
     @contextmanager
     def inside(self) -> Iterator[None]:
         """Make the calling thread a program of the world in the block, as a fixture needs it."""
-        self.powered = True
+        self._begin()
         try:
             with self._installed(), self.scheduler.inside("block"):
                 yield
@@ -182,6 +191,7 @@ class World:
     def forget_events(self) -> None:
         """Remove the faults that have not happened yet."""
         self._left.clear()
+        self._later.clear()
 
     def say(self, line: str) -> None:
         """Write a line to the log."""
@@ -256,6 +266,16 @@ class World:
                     scheduler.kill(one)
                 else:
                     one.pending.append(getattr(signal, kind))
+
+    def _begin(self) -> None:
+        """Make ready for a program, and for the faults that wait for its start."""
+        self.powered = True
+        now = [event for event in self._later if event.after == self._programs]
+        self._later = [event for event in self._later if event.after != self._programs]
+        began = self.scheduler.steps
+        self._left += [replace(event, step=began + event.step) for event in now]
+        self._left.sort(key=lambda event: event.step)
+        self._programs += 1
 
     def _end(self) -> None:
         """Clean up after the last program."""
