@@ -2,36 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 from typing import Literal, cast
 
-from rig import Rig, RigConfig, Shot
-from rig.board import Board
-from rig.camera import Camera
+from rig import Rig, Shot
 
 
 class WatchedRig(Rig):
-    """A `Rig` that adds every shot that it returns to a list.
+    """A `Rig` that notes every shot that it returns.
 
-    Parameters
+    Attributes
     ----------
     shots
-        The list.
-    board, camera, config, open_camera
-        As for `Rig`.
+        The list to which they are added; to be set before the first one.
     """
 
-    def __init__(
-        self,
-        shots: list[Shot],
-        board: Board,
-        camera: Camera,
-        config: RigConfig,
-        open_camera: Callable[[], Camera],
-    ) -> None:
-        self._shots = shots
-        super().__init__(board, camera, config, open_camera=open_camera)
+    shots: list[Shot]
 
     def shoot(
         self,
@@ -43,7 +30,7 @@ class WatchedRig(Rig):
     ) -> Shot:
         """Take one frame; see `Rig`."""
         shot = super().shoot(led, exposure_us, gain_db, trigger=trigger)
-        self._shots.append(shot)
+        self.shots.append(shot)
         return shot
 
     def sequence(
@@ -53,5 +40,5 @@ class WatchedRig(Rig):
         shots = super().sequence(leds, exposure_us, gain_db)
         with closing(cast(Generator[Shot, None, None], shots)):
             for shot in shots:
-                self._shots.append(shot)
+                self.shots.append(shot)
                 yield shot

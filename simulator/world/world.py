@@ -147,10 +147,12 @@ class World:
         """Open the rig of the world; to be called in it."""
         board = Board(self.board.port)
         try:
-            return WatchedRig(self.shots, board, self.open_camera(), self.config, self.open_camera)
+            rig = WatchedRig(board, self.open_camera(), self.config, open_camera=self.open_camera)
         except BaseException:
             board.close()
             raise
+        rig.shots = self.shots
+        return rig
 
     def open_camera(self) -> WorldCamera:
         """Open the camera; to be called in the world."""
