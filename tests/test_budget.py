@@ -18,9 +18,9 @@ BUDGET = {
     "rig": (4250, 48, 69),
     "acquisition": (15900, 66, 158),
     "calibration": (10730, 30, 90),
-    "processing": (27080, 65, 246),
+    "processing": (27100, 65, 246),
     "simulator": (9050, 28, 77),
-    "sgp": (18460, 0, 177),
+    "sgp": (18500, 0, 177),
 }
 WORDS_OF_DOCUMENTS = 59400
 # Numbers of calibration/spheres that were chosen, not derived.

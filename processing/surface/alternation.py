@@ -132,17 +132,12 @@ class Alternation:
         after
             ``(H+2, W+2)`` surface to improve in the last rounds only.
         """
-        right, down, *steps = self.edges
-        edges, held = (right, down), self.held
+        right, down = edges = self.edges[:2]
         u = np.zeros(right.shape) if self.start is None else self.start.copy()
         if after is not None:
             u = after.copy()
-        product = np.zeros_like(u)
         weights = np.zeros_like(right), np.zeros_like(down)
-        shares = np.full_like(right, 0.5), np.full_like(down, 0.5)
-        residuals = np.zeros_like(right), np.zeros_like(down)
-        one = np.ones_like(right)
-        last = (one, one) if self.continuity is None else self.continuity
+        last = self.continuity or (np.ones_like(right),) * 2
         first = last if even is None else (last[0] * even[0], last[1] * even[1])
         pixels = max(int(np.count_nonzero(self.facing)), 1)
         iterations, begin, width, final, least = 0, np.inf, np.inf, 0.0, 0.0
@@ -151,9 +146,11 @@ class Alternation:
         narrower = _NARROWER if fresh else _LATE_NARROWER
         for number in range(fresh, rounds + fresh):
             late = number > _UNEVEN_ROUNDS or not fresh
-            if number != 1 or not fresh:
-                shares = self.shares(u)
-                self._residuals(u, residuals)
+            if number == 1 and fresh:
+                shares = np.full_like(right, 0.5), np.full_like(down, 0.5)
+                residuals = np.zeros_like(right), np.zeros_like(down)
+            else:
+                shares, residuals = self.shares(u), self._residuals(u)
                 usual, largest = self._spread(residuals)
                 if number == 2 * fresh:
                     begin = largest if fresh else _LATE_WIDTH_PX
@@ -176,15 +173,12 @@ class Alternation:
                 )
                 if self.factors is not None:
                     weights[axis][...] *= self.factors[axis]
-            b = divergence(*weights, *steps)
-            apply_laplacian(*weights, u, product)
-            if held is not None:
-                b += held.load
-                held.add(u, product)
+            # What the solver does not need does not add to its memory.
+            del shares, residuals
             change = solve(
                 *weights,
-                b - product,
-                anchors=None if held is None else held.weights,
+                self._imbalance(weights, u),
+                anchors=None if self.held is None else self.held.weights,
                 tolerance=TOLERANCE,
                 max_iterations=_ITERATIONS,
             )
@@ -193,11 +187,11 @@ class Alternation:
             moved = self.scale * float(np.abs(change.u).sum()) / pixels
             if moved < _STILL_PX and width <= final and late:
                 break
-        apply_laplacian(*weights, u, product)
-        if held is not None:
-            held.add(u, product)
-        norm = float(np.linalg.norm(b))
-        relative = float(np.linalg.norm(b - product)) / norm if norm else 0.0
+        norm, left = (
+            float(np.linalg.norm(self._imbalance(weights, surface)))
+            for surface in (np.zeros_like(u), u)
+        )
+        relative = left / norm if norm else 0.0
         done = number + 1 - fresh
         return Alternated(u, weights, done, iterations, relative, self.scale * change.u, width)
 
@@ -211,11 +205,10 @@ class Alternation:
 
     def improves(self, u: Float64, smooth: Float64, evidence: JumpEvidence) -> bool:
         """Return whether a surface contradicts the edges less than a smooth one, beyond noise."""
-        residuals = np.zeros_like(self.edges[0]), np.zeros_like(self.edges[1])
         sums: list[float] = []
         width2 = 0.0
         for surface in (u, smooth):
-            self._residuals(surface, residuals)
+            residuals = self._residuals(surface)
             if not sums:
                 usual = max(self._spread(residuals)[0], _LEAST_DEVIATION_PX)
                 usual = max(usual, _LEFT * evidence.noise_px)
@@ -225,10 +218,23 @@ class Alternation:
             sums.append(sum(float((w * r2 / (r2 + width2)).sum()) for w, r2 in terms))
         return sums[0] < sums[1]
 
-    def _residuals(self, u: Float64, out: Pair) -> None:
+    def _imbalance(self, weights: Pair, u: Float64) -> Float64:
+        """Return the right-hand side of the change that makes a surface fit the weighted edges."""
+        product = np.zeros_like(u)
+        apply_laplacian(*weights, u, product)
+        b = divergence(*weights, *self.edges[2:])
+        if self.held is not None:
+            b += self.held.load
+            self.held.add(u, product)
+        b -= product
+        return b
+
+    def _residuals(self, u: Float64) -> Pair:
         right, down, to_right, to_down = self.edges
+        out = np.zeros_like(right), np.zeros_like(down)
         kernels.residuals(u, right, to_right, 0, self.scale, out[0])
         kernels.residuals(u, down, to_down, 1, self.scale, out[1])
+        return out
 
     def _spread(self, residuals: Pair) -> tuple[float, float]:
         """Return standard deviation, from the median, and a large quantile of the residuals."""

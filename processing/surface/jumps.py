@@ -244,8 +244,8 @@ class JumpProblem:
             return found, found.iterations
         if coarse is None and self.mask.size <= _LARGEST_SEARCH:
             return self._searched()
-        half, iterations = self._halved().found(coarse)
-        found = self.alternation.solved(after=self._refined(half.u))
+        u, iterations = self._from_half(coarse)
+        found = self.alternation.solved(after=u)
         return found, iterations + found.iterations
 
     def judged(self, u: Float64) -> tuple[Bool, Bool, Float32, Int32]:
@@ -353,6 +353,11 @@ class JumpProblem:
             return half
         bend = _sums(self.bend[1:-1, 1:-1]) / (4 * self.chords.halving)
         return half.bent(np.pad(bend, 1))
+
+    def _from_half(self, coarse: CoarseSurface | None) -> tuple[Float64, int]:
+        """Return the surface of a map of half the size, in all pixels, and the iterations."""
+        half, iterations = self._halved().found(coarse)
+        return self._refined(half.u), iterations
 
     def _refined(self, coarse: Float64) -> Float64:
         """Return the surface of the complete map from that of half the size."""

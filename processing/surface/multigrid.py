@@ -109,8 +109,18 @@ def solve(
     scale = float(np.abs(b).max())
     levels = coarsened(right, down, anchors) if levels is None else levels
     residual = b / scale
+    # Not needed any longer: of callers that do not hold it either, it is freed.
+    del b
     target = max(tolerance, _ROUNDING) * norm_b / scale
-    direction, product = np.zeros_like(b), np.zeros_like(b)
+    direction, product = np.zeros_like(u), np.zeros_like(u)
+
+    def multiplied(values: Float64) -> float:
+        """Write (L + A) v to the product, and return its scalar product with v."""
+        curvature = float(apply_laplacian(right, down, values, product).sum())
+        if anchors is not None:
+            curvature += float(kernels.add_anchors(anchors, values, product).sum())
+        return curvature
+
     gamma, norm_r, iteration = 0.0, norm_b / scale, 0
     digits = math.log(norm_r / target) if norm_r > target else 1.0
     percent = 0
@@ -120,9 +130,7 @@ def solve(
         correction = _cycle(levels, residual)
         gamma, previous = float(kernels.dot(residual, correction).sum()), gamma
         kernels.add_scaled(direction, correction, gamma / previous if iteration else 0.0)
-        curvature = float(apply_laplacian(right, down, direction, product).sum())
-        if anchors is not None:
-            curvature += float(kernels.add_anchors(anchors, direction, product).sum())
+        curvature = multiplied(direction)
         if not curvature > 0:  # the residual consists of rounding errors
             break
         norm_r = math.sqrt(kernels.step(u, residual, direction, product, gamma / curvature).sum())
@@ -136,11 +144,11 @@ def solve(
         percent = max(percent, round(100 * (1 - left / digits)))
         on_progress("integrating", percent, 100)
         if iteration == _PATIENCE and norm_r > target and is_thin(right, down):
-            u = solve_thin(right, down, b, anchors)
-            apply_laplacian(right, down, u, product)
-            if anchors is not None:
-                kernels.add_anchors(anchors, u, product)
-            left_over = float(np.linalg.norm(b - product)) / norm_b
+            rest = solve_thin(right, down, residual, anchors)
+            multiplied(rest)
+            left_over = float(np.linalg.norm(residual - product)) * scale / norm_b
+            u += rest
+            u *= scale
             on_progress("integrating", 100, 100)
             return Solution(u, iteration, left_over, converged=left_over <= tolerance)
     u *= scale
