@@ -80,9 +80,11 @@ class Disk:
         self._open: dict[int, tuple[_Node, os.stat_result, object]] = {}
         self.faults: dict[DiskFault, float] = {}
 
-    def repair(self) -> None:
-        """End all faults: the operator has freed space, or mounted the disk again."""
+    def repair(self) -> bool:
+        """End all faults; return whether the disk was full, or nearly so."""
+        was_full = "full" in self.faults
         self.faults.clear()
+        return was_full
 
     def open_file(self, path: str | Path, flags: int, mode: int = 0o777) -> int:
         """As `os.open`."""

@@ -17,8 +17,8 @@ _STEPS = 1300
 _FAULTS = (3, 12)
 # Share of the faults that recur when a program has just been started again and recovers what is
 # there; the steps that this takes; the programs among which they are spread.
-_RECUR, _RECOVERY_STEPS, _MOST_AFTER = 0.4, 400, 3
-_MOST_MS = 300
+_RECUR, _RECOVERY_STEPS, _MOST_AFTER = 0.4, 400, 2
+MOST = 300
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ KINDS: dict[str, float] = {
     "camera:wrong-size": 1.0,
     "camera:unplug": 1.0,
     "camera:away": 2.0,
-    "disk:full": 1.0,
+    "disk:full": 2.0,
     "disk:read-only": 1.0,
     "disk:flush-fails": 1.0,
     "disk:slow": 2.0,
@@ -111,11 +111,11 @@ class Schedule:
         chosen = generator.choices(kinds, weights, k=generator.randint(*_FAULTS))
         events = []
         for kind in chosen:
-            events.append(Event(generator.randrange(_STEPS), kind, generator.randint(1, _MOST_MS)))
+            events.append(Event(generator.randrange(_STEPS), kind, generator.randint(1, MOST)))
             if generator.random() < _RECUR:
                 after = generator.randint(1, _MOST_AFTER)
                 step = generator.randrange(_RECOVERY_STEPS)
-                events.append(Event(step, kind, generator.randint(1, _MOST_MS), after))
+                events.append(Event(step, kind, generator.randint(1, MOST), after))
         return cls(seed, tuple(sorted(events, key=lambda event: event.step)))
 
     def to_json(self) -> str:

@@ -25,7 +25,7 @@ from simulator.world.camera import CameraFault, WorldCamera
 from simulator.world.disk import Disk, DiskFault
 from simulator.world.line import WorldBoard, WorldLine
 from simulator.world.rig import WatchedRig
-from simulator.world.schedule import Event, Schedule
+from simulator.world.schedule import MOST, Event, Schedule
 from simulator.world.scheduler import (
     Condition,
     KilledError,
@@ -37,6 +37,8 @@ from simulator.world.scheduler import (
 )
 
 _DAY = datetime(2026, 1, 1, tzinfo=UTC)
+# How often an operator frees too little space.
+_TOO_LITTLE = 0.5
 # Packages whose code may not use real time in a world.
 _OURS = ("rig", "acquisition", "simulator", "tests")
 
@@ -186,7 +188,10 @@ class World:
 
     def repair(self) -> None:
         """Let the operator repair disk, board and camera between two programs."""
-        self.disk.repair()
+        generator = self.scheduler.random
+        if self.disk.repair() and generator.random() < _TOO_LITTLE:
+            event = Event(0, "disk:full", generator.randint(1, MOST), self._programs)
+            self._later.append(event)
         self.board.repair()
         self._camera_back_ns = 0
 
