@@ -19,6 +19,7 @@ _FAULTS = (3, 12)
 # there; the steps that this takes; the programs among which they are spread.
 _RECUR, _RECOVERY_STEPS, _MOST_AFTER = 0.4, 400, 2
 MOST = 300
+_AT_FLUSH = 0.5
 
 
 @dataclass(frozen=True)
@@ -36,12 +37,16 @@ class Event:
     after
         If it is not 0, ``step`` counts from the start of the program that is started after so many
         others have ended.
+    flush
+        Whether it waits for the next flush of a file or folder, where a real program spends much of
+        its time.
     """
 
     step: int
     kind: str
     value: int = 0
     after: int = 0
+    flush: bool = False
 
 
 # Without double-led: which wire has two LEDs, only a self-test can find out.
@@ -111,11 +116,12 @@ class Schedule:
         chosen = generator.choices(kinds, weights, k=generator.randint(*_FAULTS))
         events = []
         for kind in chosen:
-            events.append(Event(generator.randrange(_STEPS), kind, generator.randint(1, MOST)))
+            starts = [(0, _STEPS)]
             if generator.random() < _RECUR:
-                after = generator.randint(1, _MOST_AFTER)
-                step = generator.randrange(_RECOVERY_STEPS)
-                events.append(Event(step, kind, generator.randint(1, MOST), after))
+                starts.append((generator.randint(1, _MOST_AFTER), _RECOVERY_STEPS))
+            for after, steps in starts:
+                step, value = generator.randrange(steps), generator.randint(1, MOST)
+                events.append(Event(step, kind, value, after, generator.random() < _AT_FLUSH))
         return cls(seed, tuple(sorted(events, key=lambda event: event.step)))
 
     def to_json(self) -> str:

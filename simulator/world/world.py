@@ -210,8 +210,9 @@ class World:
         task = self.scheduler.current
         if self._log is not None and task is not None:
             self.say(f"{task.name}: {name}")
-        while self._left and self._left[0].step <= self.scheduler.steps:
-            event = self._left.pop(0)
+        due = [event for event in self._left if event.step <= self.scheduler.steps]
+        for event in (one for one in due if name == "fsync" or not one.flush):
+            self._left.remove(event)
             self.met.append(event)
             self.say(f"*** {event.kind} {event.value}")
             self._happen(event)

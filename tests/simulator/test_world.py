@@ -176,7 +176,7 @@ def test_a_fault_may_wait_for_a_later_program(tmp_path: Path) -> None:
 # Schedules that broke a promise, and what was wrong.
 FOUND = {
     "a zero in place of the last newline made the journal damaged": Schedule(
-        100620, (Event(620, "host:power-loss"),)
+        100620, (Event(485, "host:power-loss"),)
     ),
 }
 
