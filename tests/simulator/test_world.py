@@ -178,6 +178,14 @@ FOUND = {
     "a zero in place of the last newline made the journal damaged": Schedule(
         100620, (Event(485, "host:power-loss"),)
     ),
+    "a stray trigger at the right distance took the place of the first one of a run": Schedule(
+        320043,
+        (
+            Event(94, "board:lose-trigger", 151, flush=True),
+            Event(151, "board:reset", 138, flush=True),
+            Event(297, "wire:stray-trigger", 51),
+        ),
+    ),
 }
 
 
