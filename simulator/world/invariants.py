@@ -194,11 +194,8 @@ def badly_lit(shots: Iterable[Shot], periods: Sequence[LitPeriod]) -> Iterator[s
     for shot in shots:
         start_ns = shot.frame.timestamp_ns
         end_ns = start_ns + round(shot.frame.exposure_us * 1000)
-        lit = [
-            one  # cancelled ones have no length
-            for one in periods
-            if one.start_ns < end_ns and one.end_ns > max(start_ns, one.start_ns)
-        ]
+        # Cancelled periods have no length.
+        lit = [p for p in periods if p.start_ns < end_ns and p.end_ns > max(start_ns, p.start_ns)]
         whole = all(one.start_ns <= start_ns and one.end_ns >= end_ns for one in lit)
         if not whole or [one.led for one in lit] != [shot.led] * (shot.led is not None):
             yield f"the rig returned a frame of LED {shot.led} that was lit by {lit}"
