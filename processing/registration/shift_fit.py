@@ -14,7 +14,9 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import cv2
+import numba
 import numpy as np
+from scipy import sparse
 
 from calibration import EstimateError
 from calibration.radiance import Shift
@@ -113,7 +115,7 @@ def fit_shifts(patches: Patches, starts: Sequence[Float64], steps: int) -> Shift
     """
     _, fine = _filtered(patches, np.zeros((len(patches.values), 2)))
     pixels = _strongest(patches, fine, _MOST_SAMPLES // len(patches.values))
-    vectors = patches.vectors(pixels)
+    vectors = np.ascontiguousarray(patches.vectors(pixels))
     fits = []
     scale = None
     for start in starts:
@@ -148,7 +150,7 @@ def first_look(patches: Patches) -> FirstLook:
     still = np.zeros((len(patches.values), 2))
     filtered = _filtered(patches, still)
     pixels = _strongest(patches, filtered[1], _FIRST_SAMPLES // len(patches.values))
-    vectors = patches.vectors(pixels)
+    vectors = np.ascontiguousarray(patches.vectors(pixels))
     state = _linearized(_at(patches, pixels, vectors, still, None, filtered))
     step = _step(state, 0.0)
     costs = [_at(patches, pixels, vectors, share * step, state.scale).cost for share in (1, 0.5)]
@@ -228,8 +230,10 @@ def _at(
     """
     moved, fine = filtered or _filtered(patches, shifts)
     count = len(moved)
-    seen = fine.reshape(count, -1)[:, pixels].T.astype(np.float64)
-    usable = _lit(moved, patches.beside_shadows).reshape(count, -1)[:, pixels].T
+    # A kernel is compiled for each layout of its arguments.
+    seen = np.ascontiguousarray(fine.reshape(count, -1)[:, pixels].T, np.float64)
+    lit = _lit(moved, patches.beside_shadows).reshape(count, -1)
+    usable = np.ascontiguousarray(lit[:, pixels].T)
     if np.count_nonzero(usable.sum(axis=1) > _FEWEST_LIT) < _FEWEST_PIXELS:
         raise EstimateError("too few pixels of the object are lit by enough lights to align images")
     surface = _surface(vectors, seen, usable, scale)
@@ -260,13 +264,13 @@ def _linearized(aligned: _Aligned) -> _State:
     followed = (columns[..., None] * weighted[:, :, None, :]).reshape(len(pixels), size, 3) @ factor
     flat = followed.transpose(0, 2, 1).reshape(-1, size)
     hessian = -(flat.T @ flat)
-    own = np.einsum("pka,pk,pkb->kab", columns, weights, columns)
+    own = (weights[..., None] * columns).transpose(1, 2, 0) @ columns.transpose(1, 0, 2)
     for k in range(count):
         hessian[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] += own[k]
     scores = (columns * (weights * residuals)[..., None]).reshape(len(pixels), size)
     tiles = _tiles(pixels, patches.inside.shape)
-    of_tiles = np.zeros((int(tiles.max()) + 1, size))
-    np.add.at(of_tiles, tiles, scores)
+    members = sparse.csr_array((np.ones(len(tiles)), (tiles, np.arange(len(tiles)))))
+    of_tiles = np.asarray(members @ scores)
     gradient = scores.sum(axis=0) - pulled
     left = np.median(np.abs(residuals[usable])) / max(float(np.median(np.abs(seen[usable]))), 1e-12)
     explained = 1 - float(left)
@@ -309,10 +313,7 @@ class _Aligned(NamedTuple):
 def _surface(vectors: Float64, seen: Float64, usable: Bool, scale: Float64 | None) -> _Surface:
     weights = usable.astype(np.float64)
     for _ in range(3):
-        weighted = weights[..., None] * vectors
-        inverse = _inverse(weighted, vectors)
-        normals = (inverse @ (weighted.transpose(0, 2, 1) @ seen[..., None]))[..., 0]
-        residuals = seen - (vectors @ normals[..., None])[..., 0]
+        residuals, _ = _fitted(vectors, weights, seen)
         if scale is None:
             spread = 1.4826 * float(np.median(np.abs(residuals[usable])))
             own = 1.4826 * np.median(np.abs(residuals), axis=1, keepdims=True)
@@ -320,16 +321,43 @@ def _surface(vectors: Float64, seen: Float64, usable: Bool, scale: Float64 | Non
         else:
             found = scale
         weights = usable / (1 + (residuals / (_TUNING * found)) ** 2) / found**2
-    inverse = _inverse(weights[..., None] * vectors, vectors)
+    _, inverse = _fitted(vectors, weights, seen)
     return _Surface(vectors, weights, residuals, found, inverse)
 
 
-def _inverse(weighted: Float64, vectors: Float64) -> Float64:
-    """Return the covariances ``(P, 3, 3)`` of scaled normals; large ones where light is missing."""
-    matrix = weighted.transpose(0, 2, 1) @ vectors
-    ridge = _RIDGE * np.maximum(np.trace(matrix, axis1=1, axis2=2), _RIDGE)
-    inverse = np.linalg.inv(matrix + ridge[:, None, None] * np.eye(3))
-    return np.asarray((inverse + inverse.transpose(0, 2, 1)) / 2)
+@numba.njit(nogil=True, cache=True)
+def _fitted(vectors: Float64, weights: Float64, seen: Float64) -> tuple[Float64, Float64]:
+    """Return the residuals of fits of scaled normals, and the covariances of these.
+
+    Covariances ``(P, 3, 3)`` are large where light is missing.
+    """
+    residuals = np.zeros_like(seen)
+    inverse = np.zeros((len(seen), 3, 3))
+    for p in range(len(seen)):
+        xx = xy = xz = yy = yz = zz = x = y = z = 0.0
+        for k in range(seen.shape[1]):
+            weight = weights[p, k]
+            u, v, w = vectors[p, k, 0], vectors[p, k, 1], vectors[p, k, 2]
+            xx, xy, xz = xx + weight * u * u, xy + weight * u * v, xz + weight * u * w
+            yy, yz, zz = yy + weight * v * v, yz + weight * v * w, zz + weight * w * w
+            value = weight * seen[p, k]
+            x, y, z = x + value * u, y + value * v, z + value * w
+        ridge = _RIDGE * max(xx + yy + zz, _RIDGE)
+        xx, yy, zz = xx + ridge, yy + ridge, zz + ridge
+        # By cofactors, which keep it symmetric.
+        own = inverse[p]
+        own[0, 0], own[1, 1], own[2, 2] = yy * zz - yz * yz, xx * zz - xz * xz, xx * yy - xy * xy
+        own[0, 1] = own[1, 0] = xz * yz - xy * zz
+        own[0, 2] = own[2, 0] = xy * yz - xz * yy
+        own[1, 2] = own[2, 1] = xy * xz - xx * yz
+        own /= xx * own[0, 0] + xy * own[0, 1] + xz * own[0, 2]
+        a = own[0, 0] * x + own[0, 1] * y + own[0, 2] * z
+        b = own[1, 0] * x + own[1, 1] * y + own[1, 2] * z
+        c = own[2, 0] * x + own[2, 1] * y + own[2, 2] * z
+        for k in range(seen.shape[1]):
+            u, v, w = vectors[p, k, 0], vectors[p, k, 1], vectors[p, k, 2]
+            residuals[p, k] = seen[p, k] - (a * u + b * v + c * w)
+    return residuals, inverse
 
 
 def _tiles(pixels: Intp, shape: tuple[int, ...]) -> Intp:

@@ -142,7 +142,7 @@ def test_floats_have_no_white_and_are_not_doubted() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", sorted(set(SCENES) - {"spheres"})[::2])
+@pytest.mark.parametrize("name", sorted(set(SCENES) - {"spheres"})[::3])
 def test_simulated_scenes_are_quiet_and_found_with_a_display_curve(name: str) -> None:
     rendering = render(scene_named(name, width=96, height=80, leds=12))
     truth = rendering.truth

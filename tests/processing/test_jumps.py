@@ -210,6 +210,7 @@ CAPTURED = {
     "goblet": 10.373,
     "harvest": 1.4,
 }
+NOISY = ("bear", "cat", "goblet")
 
 
 @needs_data
@@ -224,8 +225,8 @@ def test_captured_objects() -> None:
         depth = truth[truth.files[0]].astype(np.float64)
         normals = NormalMap.from_vectors(read.normals, mask)
         camera = read_camera(folder / "K.txt", read.size)
-        # Not the seed of the noise with which the mode was developed.
-        for noise_deg, seed in ((0, 0), (3, 11)):
+        # Not the seed of the noise with which the mode was developed; on every second object.
+        for noise_deg, seed in ((0, 0), (3, 11))[: 1 + (name in NOISY)]:
             noise = np.random.default_rng(seed).normal(
                 scale=np.radians(noise_deg), size=(*mask.shape, 3)
             )
@@ -239,6 +240,7 @@ def test_captured_objects() -> None:
                     known
                 ].mean()
         assert errors[name, 0, True] < CAPTURED[name]
-        assert errors[name, 11, True] < errors[name, 11, False]
+        if name in NOISY:
+            assert errors[name, 11, True] < errors[name, 11, False]
     four = [errors[name, 0, True] for name in ("bear", "buddha", "cat", "cow")]
     assert np.mean(four) < 0.24
