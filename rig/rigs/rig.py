@@ -152,7 +152,7 @@ class Rig(OpenBoard):
         Yields
         ------
         Shot
-            The shots in order; the first one only after the second has arrived, which proves it.
+            The shots in order; the first two only after the third has arrived, which proves them.
 
         Raises
         ------

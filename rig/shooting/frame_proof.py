@@ -150,8 +150,9 @@ class Spacing:
 
     A trigger that the camera missed, or a pulse that it saw but the board did not send, shifts
     every later frame by one while all counts still agree. The time to the previous frame is then
-    wrong. Since the first gap of a run is longer than the others, this also detects the loss of the
-    first frame.
+    wrong. The first two gaps of a run differ from each other and from the later ones, so that the
+    third frame proves the first two: another pulse at the right distance before the second one, in
+    place of a lost trigger or before the first, is then seen.
 
     Parameters
     ----------

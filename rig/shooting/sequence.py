@@ -36,7 +36,7 @@ def runs(leds: tuple[int | None, ...], most: int) -> Iterator[tuple[int | None, 
 
 
 def run(bench: Bench, leds: tuple[int | None, ...], times: ShotTimes) -> Iterator[Shot]:
-    """Load one run of two LEDs or more, start it, and yield every shot as soon as it is proven.
+    """Load one run of three LEDs or more, start it, and yield every shot as soon as it is proven.
 
     Raises
     ------
@@ -55,7 +55,7 @@ def run(bench: Bench, leds: tuple[int | None, ...], times: ShotTimes) -> Iterato
     started = board.run(len(steps), "exposure" if paced else "time")
     begins_s = clock.monotonic()
     alive, spacing = SignOfLife(board.ping), Spacing(camera.info.serial)
-    held_back: Shot | None = None
+    held_back: list[Shot] = []
     for index, (led, step) in enumerate(zip(leds, steps, strict=True)):
         lit_s = begins_s + (step.settle_us + step.hold_us) / 1e6
         begins_s = lit_s + step.gap_us / 1e6
@@ -71,15 +71,12 @@ def run(bench: Bench, leds: tuple[int | None, ...], times: ShotTimes) -> Iterato
         what = f"the step of {led_name(led)}"
         check_id(camera, frame, ids[index], what, "take the sequence again")
         spacing.check(frame, led, report.trigger_us)
-        # The first frame is proven by its distance from the second.
-        if held_back is not None:
-            yield held_back
-            held_back = None
         shot = Shot(frame, led, BoardEcho(started.seq, report.led, report.lit_us, report.active_us))
-        if index == 0:
-            held_back = shot
-        else:
-            yield shot
+        held_back.append(shot)
+        # The first two frames are proven by their distances from the third.
+        if index > 1:
+            yield from held_back
+            held_back.clear()
 
 
 def _report(bench: Bench, index: int, lit_s: float) -> StepReport:

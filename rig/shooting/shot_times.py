@@ -17,10 +17,10 @@ CLOCK_SHARE = 0.01
 CLOCK_JITTER_US = 300.0
 # A run this long stays within half a period on both clocks.
 LONGEST_RUN = 48
-# The first gap is longer than the others by this share, and by at least 5 ms, so that a run that
-# lost its first trigger looks different.
-_FIRST_GAP_SHARE = 0.05
-_FIRST_GAP_US = 5000
+# The second gap is longer than the later ones by this share, and by at least 5 ms, and the first by
+# twice as much, so that a run that begins with another frame looks different: see `Spacing`.
+_LONGER_SHARE = 0.05
+_LONGER_US = 5000
 _LONGEST_GAP_US = 1_000_000
 # Time between two flashes in addition to the camera's own time.
 _BETWEEN_US = 20_000
@@ -104,13 +104,13 @@ class ShotTimes:
         """
         lit_us = self.ahead_us + self.hold_us
         gap_us = max(0, math.ceil(self.run_us) - lit_us)
-        longer_us = max(_FIRST_GAP_US, math.ceil(_FIRST_GAP_SHARE * (lit_us + gap_us)))
-        if gap_us + longer_us > _LONGEST_GAP_US:
+        longer_us = max(_LONGER_US, math.ceil(_LONGER_SHARE * (lit_us + gap_us)))
+        if gap_us + 2 * longer_us > _LONGEST_GAP_US:
             raise RigError(
                 f"the camera takes only one frame every {self.run_us / 1e6:.2f} s, which is too "
                 "slow for a sequence: take single shots"
             )
         last = len(leds) - 1
         for index, led in enumerate(leds):
-            after_us = 0 if index == last else gap_us + (longer_us if index == 0 else 0)
+            after_us = 0 if index == last else gap_us + max(0, 2 - index) * longer_us
             yield Step(led, self.ahead_us, self.hold_us, after_us)

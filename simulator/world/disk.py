@@ -58,6 +58,8 @@ class Disk:
         Called before each change with its name; may raise.
     pause
         Lets time pass, in seconds.
+    program
+        Returns the program that runs now; one with a true ``dead`` has no open files.
     """
 
     def __init__(
@@ -66,24 +68,29 @@ class Disk:
         generator: random.Random,
         step: Callable[[str], None],
         pause: Callable[[float], None],
+        program: Callable[[], object] = lambda: None,
     ) -> None:
         self.root = root
         self._random = generator
         self._step = step
         self._pause = pause
+        self._program = program
         self._top = _Node(True)
         self._changes: list[_Change] = []
-        self._open: dict[int, tuple[_Node, os.stat_result]] = {}
+        self._open: dict[int, tuple[_Node, os.stat_result, object]] = {}
         self.faults: dict[DiskFault, float] = {}
 
-    def repair(self) -> None:
-        """End all faults: the operator has freed space, or mounted the disk again."""
+    def repair(self) -> bool:
+        """End all faults; return whether the disk was full, or nearly so."""
+        was_full = "full" in self.faults
         self.faults.clear()
+        return was_full
 
     def open_file(self, path: str | Path, flags: int, mode: int = 0o777) -> int:
         """As `os.open`."""
         changes = bool(flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT))
         self._step(f"open {Path(path).name if self._holds(path) else 'a path outside'}")
+        self.close_all(of_dead=True)
         if changes:
             self._refuse(path)
         known = self._node(path)
@@ -92,7 +99,7 @@ class Disk:
             known = _Node(False)
             self._change((path, known))
         if known is not None and (changes or known.is_folder):
-            self._open[descriptor] = known, os.fstat(descriptor)
+            self._open[descriptor] = known, os.fstat(descriptor), self._program()
         else:
             self._open.pop(descriptor, None)
         return descriptor
@@ -157,14 +164,16 @@ class Disk:
         os.mkdir(path, mode)
         self._change((path, _Node(True)))
 
-    def close_all(self) -> None:
-        """Close what dead programs have left open, as the operating system does."""
-        for descriptor, (_, opened) in self._open.items():
+    def close_all(self, *, of_dead: bool = False) -> None:
+        """Close what programs, or only dead ones, have left open, as the operating system does."""
+        for descriptor, (_, opened, program) in list(self._open.items()):
+            if of_dead and not getattr(program, "dead", False):
+                continue
+            del self._open[descriptor]
             # A reader may have closed it without this class, and the number may be in use again.
             with suppress(OSError):
                 if os.path.samestat(os.fstat(descriptor), opened):
                     os.close(descriptor)
-        self._open.clear()
 
     def power_loss(self) -> None:
         """Leave only what is certain, and some of what is not."""
@@ -212,6 +221,15 @@ class Disk:
         node.content[at] ^= 0x10
         node.certain = bytes(node.content)
         path.write_bytes(node.content)
+
+    def lose(self, path: Path) -> None:
+        """Remove a file, as the check of a damaged file system does."""
+        folder = self._node(path.parent)
+        if folder is not None and self._node(path) is not None:
+            self._make_certain(folder)
+            _apply(_Change([(folder, path.name, None)]), certain=False)
+            _apply(_Change([(folder, path.name, None)]), certain=True)
+            path.unlink()
 
     def _write(
         self, descriptor: int, data: bytes, at: int, call: Callable[[int, bytes], int]

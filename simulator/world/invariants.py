@@ -15,6 +15,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from rig import Shot
 from simulator.bench.state import LitPeriod
 from simulator.world.camera import led_of
 
@@ -39,6 +40,8 @@ class SessionState:
         Hash of every file in ``frames/`` by its name.
     kept
         Hashes of all files in ``frames/`` and ``derived/`` that are not hidden.
+    shelved
+        Paths of the files that were set aside, relative to the session.
     """
 
     lines: tuple[dict[str, Any], ...]
@@ -46,6 +49,7 @@ class SessionState:
     complete: bool
     files: dict[str, str]
     kept: frozenset[str]
+    shelved: frozenset[str]
 
     @classmethod
     def read(cls, folder: Path) -> SessionState:
@@ -65,13 +69,22 @@ class SessionState:
             mark.exists() and whole in mark.read_bytes(),
             {path.name: sha for path, sha in found.items() if path.parent.name == "frames"},
             frozenset(found.values()),
+            frozenset(
+                path.relative_to(folder).as_posix()
+                for path in found
+                if path.parent.name == "set_aside"
+            ),
         )
 
     @property
     def set_aside(self) -> set[int]:
         """Numbers of the frame lines that an event has set aside."""
-        events = (line for line in self.lines if line.get("event") == "set_aside")
-        return {line["details"]["frame_seq"] for line in events}
+        return {details["frame_seq"] for details in self.set_aside_events}
+
+    @property
+    def set_aside_events(self) -> list[dict[str, Any]]:
+        """Details of the events that have set frames aside."""
+        return [line["details"] for line in self.lines if line.get("event") == "set_aside"]
 
     @property
     def frames(self) -> list[dict[str, Any]]:
@@ -133,6 +146,18 @@ def lost(before: Iterable[tuple[int, str]], now: SessionState) -> Iterator[str]:
             yield f"frame line {seq} was reported as safe and is lost"
 
 
+def misplaced(now: SessionState) -> Iterator[str]:
+    """Yield files that are not where the journal states, and files that it does not explain."""
+    places = {details["kept"] for details in now.set_aside_events} - {None}
+    for path in sorted(now.shelved - places):
+        yield f"{path} was set aside without an event"
+    if now.complete:  # until then, a program may have been killed before it moved a file
+        for path in sorted(places - now.shelved):
+            yield f"{path} is missing, although an event states that a file is kept there"
+        for name in sorted(now.files.keys() - {Path(one["file"]).name for one in now.frames}):
+            yield f"complete, but no line that counts has the file {name}"
+
+
 def wrong_frames(folder: Path, now: SessionState, black: float) -> Iterator[str]:
     """Yield frames that do not show the light that their line states."""
     brightest: dict[tuple[Any, ...], list[float]] = {}
@@ -162,6 +187,20 @@ def wrong_frames(folder: Path, now: SessionState, black: float) -> Iterator[str]
         ]
         if light < _LEAST_LIGHT * max(expected, max(same) if same else 0):
             yield f"{line['file']}: LED {line['led']} was on for only a part of the exposure"
+
+
+def badly_lit(shots: Iterable[Shot], periods: Sequence[LitPeriod]) -> Iterator[str]:
+    """Yield the shots whose LED was not on, alone, during the complete exposure."""
+    for shot in shots:
+        start_ns = shot.frame.timestamp_ns
+        end_ns = start_ns + round(shot.frame.exposure_us * 1000)
+        # Cancelled periods have no length.
+        lit = [p for p in periods if p.start_ns < end_ns and p.end_ns > max(start_ns, p.start_ns)]
+        whole = all(one.start_ns <= start_ns and one.end_ns >= end_ns for one in lit)
+        if not whole or [one.led for one in lit] != [shot.led] * (shot.led is not None):
+            yield f"the rig returned a frame of LED {shot.led} that was lit by {lit}"
+        if shot.echo is not None and shot.echo.led != shot.led:
+            yield f"the rig returned a frame of LED {shot.led}, the echo states {shot.echo.led}"
 
 
 def lit_after(periods: Sequence[LitPeriod], end_ns: int) -> Iterator[str]:

@@ -22,6 +22,7 @@ class LightHistory(BenchWriter):
     def __init__(self) -> None:
         self.lit: list[LitPeriod] = []
         self.pulses: list[TriggerPulse] = []
+        self.noise: list[TriggerPulse] = []
         self.changes = 0
 
     def light(self, led: int, start_ns: int, end_ns: int, level: int = FULL_LEVEL) -> int:
@@ -41,6 +42,11 @@ class LightHistory(BenchWriter):
         self.changes += 1
         self.pulses.append(TriggerPulse(len(self.pulses), time_ns))
         return len(self.pulses) - 1
+
+    def disturb(self, time_ns: int) -> None:
+        """Let a pulse on the trigger line be seen that the board does not send."""
+        self.changes += 1
+        self.noise.append(TriggerPulse(len(self.noise), time_ns))
 
     def put_out(self, now_ns: int) -> None:
         """Turn all LEDs off; see `BenchWriter`."""
@@ -85,8 +91,9 @@ class LightView(BenchState):
     def triggers(self) -> tuple[TriggerPulse, ...]:
         """Return the last trigger pulses; see `BenchState`."""
         self._advance()
-        last = self._history.pulses[-RING:]
-        return tuple(pulse for pulse in last if pulse.time_ns != NEVER_NS)
+        last = (*self._history.pulses[-RING:], *self._history.noise[-RING:])
+        seen = (pulse for pulse in last if pulse.time_ns != NEVER_NS)
+        return tuple(sorted(seen, key=lambda pulse: pulse.time_ns))
 
     def exposures(self) -> tuple[ExposurePeriod, ...]:
         """Return the last exposures; see `BenchState`."""

@@ -28,6 +28,8 @@ class WorldBoard:
         Owner of the time.
     leds
         Number of LEDs.
+    wired
+        Whether the camera's exposure-active output reaches the board.
 
     Attributes
     ----------
@@ -37,7 +39,7 @@ class WorldBoard:
         LEDs and trigger line, with their edges.
     """
 
-    def __init__(self, scheduler: Scheduler, leds: int) -> None:
+    def __init__(self, scheduler: Scheduler, leds: int, *, wired: bool = True) -> None:
         self._scheduler = scheduler
         self.port = "world"
         # How often it was plugged in: a line to an earlier one stays dead.
@@ -45,7 +47,7 @@ class WorldBoard:
         self.history = LightHistory()
         self.view = LightView(self.history, self.advance)
         self.outputs = BoardOutputs(self.history)
-        self._active = ActiveInput(self.view)
+        self._active = ActiveInput(self.view if wired else None)
         firmware = BoardFirmware(leds, self.outputs, self._active, scheduler.now_ns)
         self.board = FaultyBoard(firmware, self.outputs)
         # When the board is on the line again; it is now if this is not later than now.

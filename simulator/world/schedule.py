@@ -11,11 +11,15 @@ from typing import Any
 
 from acquisition import DataError
 
-VERSION = 1
+VERSION = 2
 # The steps of a recording among which the faults are spread.
 _STEPS = 1300
-_FAULTS = (4, 16)
-_MOST_MS = 300
+_FAULTS = (3, 12)
+# Share of the faults that recur when a program has just been started again and recovers what is
+# there; the steps that this takes; the programs among which they are spread.
+_RECUR, _RECOVERY_STEPS, _MOST_AFTER = 0.4, 400, 2
+MOST = 300
+_AT_FLUSH = 0.5
 
 
 @dataclass(frozen=True)
@@ -30,11 +34,19 @@ class Event:
         One of `KINDS`.
     value
         Its meaning depends on the kind: milliseconds, a number of bytes, or a choice.
+    after
+        If it is not 0, ``step`` counts from the start of the program that is started after so many
+        others have ended.
+    flush
+        Whether it waits for the next flush of a file or folder, where a real program spends much of
+        its time.
     """
 
     step: int
     kind: str
     value: int = 0
+    after: int = 0
+    flush: bool = False
 
 
 # Without double-led: which wire has two LEDs, only a self-test can find out.
@@ -53,6 +65,7 @@ KINDS: dict[str, float] = {
     "lamp:dark": 2.0,
     "board:brown-out": 4.0,
     "board:away": 2.0,
+    "wire:stray-trigger": 3.0,
     "line:garbage": 3.0,
     "line:delay": 2.0,
     "line:split": 3.0,
@@ -62,12 +75,13 @@ KINDS: dict[str, float] = {
     "camera:wrong-size": 1.0,
     "camera:unplug": 1.0,
     "camera:away": 2.0,
-    "disk:full": 1.0,
+    "disk:full": 2.0,
     "disk:read-only": 1.0,
     "disk:flush-fails": 1.0,
     "disk:slow": 2.0,
     "disk:short-write": 2.0,
-    "disk:rot": 2.0,
+    "disk:rot": 3.0,
+    "disk:lost-file": 2.0,
     "host:busy": 3.0,
     "host:clock-step": 2.0,
     "host:power-loss": 3.0,
@@ -100,10 +114,14 @@ class Schedule:
         generator = random.Random(f"schedule {VERSION} {seed}")
         kinds, weights = list(KINDS), list(KINDS.values())
         chosen = generator.choices(kinds, weights, k=generator.randint(*_FAULTS))
-        events = (
-            Event(generator.randrange(_STEPS), kind, generator.randint(1, _MOST_MS))
-            for kind in chosen
-        )
+        events = []
+        for kind in chosen:
+            starts = [(0, _STEPS)]
+            if generator.random() < _RECUR:
+                starts.append((generator.randint(1, _MOST_AFTER), _RECOVERY_STEPS))
+            for after, steps in starts:
+                step, value = generator.randrange(steps), generator.randint(1, MOST)
+                events.append(Event(step, kind, value, after, generator.random() < _AT_FLUSH))
         return cls(seed, tuple(sorted(events, key=lambda event: event.step)))
 
     def to_json(self) -> str:

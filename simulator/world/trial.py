@@ -8,19 +8,37 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 
 import numba
 
-from acquisition import CapturePlan, DataError, Labels, StorageError, record, resume
+from acquisition import (
+    CapturePlan,
+    DataError,
+    Labels,
+    MissingPathError,
+    StorageError,
+    record,
+    resume,
+)
 from acquisition.engine.recording_loop import RecordingHooks
 from acquisition.session import SessionWriter, verify_session
-from acquisition.session.journal import FrameLine
+from acquisition.session.journal import Echo, FrameLine
 from rig import RigError
+from rig.host import clock
 from simulator.scene.rig_scenes import bench_sensor
-from simulator.world.invariants import SessionState, lit_after, lost, shot_of, wrong_frames
+from simulator.world.camera import led_of
+from simulator.world.invariants import (
+    SessionState,
+    badly_lit,
+    lit_after,
+    lost,
+    misplaced,
+    shot_of,
+    wrong_frames,
+)
 from simulator.world.schedule import Event, Schedule
 from simulator.world.scheduler import Program, StuckError
 from simulator.world.world import World
@@ -33,6 +51,9 @@ _MEMORY = Path("/dev/shm")  # files in memory, where the system has it
 _MOST_PROGRAMS = 30
 # A command that is on its way, and the board's watchdog.
 _DARK_AFTER_NS = 1_500_000_000
+# A second operator waits at most so long for the first one; a program of his own keeps this share.
+_PATIENCE_S = 3.0
+_KEPT = 0.8
 _SETTLES_S = 3.0
 # Errors that a program may end with: each is one line for the operator.
 _INCONSISTENT = "take them before completing"
@@ -86,9 +107,17 @@ class Trial:
     def __init__(
         self, schedule: Schedule, folder: Path, log: Callable[[str], None] | None = None
     ) -> None:
-        sequences = schedule.seed % 3 == 0
-        self._plan = _SEQUENCED if sequences else PLAN
-        self.world = World(schedule, folder, leds=LEDS, sequences=sequences, log=log)
+        # Sequences, flashes and single shots, with and without the wire from camera to board.
+        way = schedule.seed % 3
+        self._plan = _SEQUENCED if way == 0 else PLAN
+        self.world = World(
+            schedule,
+            folder,
+            leds=LEDS,
+            trigger="software" if way == 2 else "board",
+            wired=schedule.seed % 2 == 1,
+            log=log,
+        )
         self.world.second = self._second
         self.session = self.world.disk.root / "owl"
         self._black = bench_sensor().black_level_dn
@@ -176,15 +205,35 @@ class Trial:
         self._reported.append((line.seq, line.file_sha256))
 
     def _second(self) -> None:
-        """Let a second operator try to resume the session, or another program to write to it."""
+        """Let a second operator resume the session, or take its shots by a program of his own."""
+        generator = self.world.scheduler.random
         try:
-            if self.world.scheduler.random.random() < 0.5:
+            if generator.random() < 0.5:
+                clock.sleep(generator.uniform(0, _PATIENCE_S))
+            if generator.random() < 0.5:
                 self._resume(retake_damaged=False)
             else:
-                with SessionWriter.reopen(self.session) as writer:
-                    writer.write_event("second", operator="other")
-        except (RigError, DataError, StorageError) as error:
+                self._by_hand()
+        except (*_EXPECTED, MissingPathError) as error:
             self.world.say(f"second: {error}")
+        except Exception as error:  # noqa: BLE001 - judged here
+            self._note(f"second ended with {type(error).__name__}: {error}")
+
+    def _by_hand(self) -> None:
+        """Take the missing shots without the loop of a recording, and reject some of them."""
+        with SessionWriter.reopen(self.session) as writer, self.world.open_rig() as rig:
+            writer.write_event("second", operator="other")
+            for planned in writer.missing:
+                shot = rig.shoot(planned.led, planned.exposure_us or 0.0)
+                pixels = shot.frame.pixels
+                echo = None if shot.echo is None else Echo(**asdict(shot.echo))
+                quality = writer.measure(planned, pixels)
+                keeps = self.world.scheduler.random.random() < _KEPT
+                if keeps and led_of(pixels, self._black) == planned.led:
+                    self._safe(writer.write_frame(planned, pixels, echo=echo, quality=quality))
+                else:
+                    writer.write_frame(planned, pixels, echo=echo, status="rejected")
+            writer.complete()
 
     def _check_end(self, ended: Program) -> None:
         error, world = ended.error, self.world
@@ -198,10 +247,14 @@ class Trial:
         world.settle(_SETTLES_S)
         for text in lit_after(world.board.history.lit, dark_ns):
             self._note(f"{ended.name}: {text}")
+        for text in badly_lit(world.shots, world.board.history.lit):
+            self._note(f"{ended.name}: {text}")
+        world.shots.clear()
 
     def _check_disk(self, before: SessionState, now: SessionState, ended: Program) -> None:
         texts = (
             *lost(self._reported, now),
+            *misplaced(now),
             *wrong_frames(self.session, now, self._black),
             *self._unexpected(before, now),
         )
@@ -216,8 +269,9 @@ class Trial:
         # What was not reported as safe may be lost with the power.
         if len(now.lines) < len(before.lines) and self.world.powered:
             yield "the journal has lost lines"
-        if self.world.powered and not self.world.rotted and before.kept - now.kept:
-            yield f"{len(before.kept - now.kept)} files of frames have disappeared"
+        damaged = {before.files.get(name) for name in self.world.damaged}
+        if self.world.powered and (gone := before.kept - now.kept - damaged):
+            yield f"{len(gone)} files of frames have disappeared"
         if now.complete and not before.complete and set(before.damaged) & set(now.damaged):
             yield "completed although a frame was damaged before"
         exposures = dict(enumerate(self._plan.exposures_us))
@@ -225,7 +279,7 @@ class Trial:
             if line["role"] == "light" and line["exposure_us"] != exposures[line["bracket"]]:
                 yield f"{line['file']} was exposed for {line['exposure_us']} us"
         for file in now.damaged:
-            if Path(file).name not in self.world.rotted:
+            if Path(file).name not in self.world.damaged:
                 yield f"{file} is not what the journal describes"
         fresh = [one for one in now.frames if one["seq"] >= len(before.lines)]
         aside = now.set_aside - before.set_aside
@@ -237,7 +291,7 @@ class Trial:
     def _check_verify(self, now: SessionState, ended: Program) -> None:
         """Compare what `verify_session` says with the state of the disk."""
         said = verify_session(self.session)
-        if not self.world.rotted and said.problems:
+        if not self.world.damaged and said.problems:
             self._note(f"{ended.name}: verify finds {said.problems[0]}")
         if sorted(said.damaged) != sorted({Path(name).name for name in now.damaged}):
             self._note(

@@ -7,13 +7,14 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from inspect import isfunction
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Literal, cast
 
-from rig import CameraError, Rig, RigConfig
+from rig import CameraError, RigConfig, Shot
 from rig.board import Board
 from rig.host import clock, filesystem, lines, program, threads
 from rig.shooting import lights_off
@@ -23,7 +24,8 @@ from simulator.scene.rig_scenes import bench_sensor
 from simulator.world.camera import CameraFault, WorldCamera
 from simulator.world.disk import Disk, DiskFault
 from simulator.world.line import WorldBoard, WorldLine
-from simulator.world.schedule import Event, Schedule
+from simulator.world.rig import WatchedRig
+from simulator.world.schedule import MOST, Event, Schedule
 from simulator.world.scheduler import (
     Condition,
     KilledError,
@@ -35,6 +37,8 @@ from simulator.world.scheduler import (
 )
 
 _DAY = datetime(2026, 1, 1, tzinfo=UTC)
+# How often an operator frees too little space.
+_TOO_LITTLE = 0.5
 # Packages whose code may not use real time in a world.
 _OURS = ("rig", "acquisition", "simulator", "tests")
 
@@ -54,8 +58,10 @@ class World:
         Empty folder: its ``disk`` is the disk of the world.
     leds
         Number of LEDs of the rig.
-    sequences
-        Whether the board triggers the camera.
+    trigger
+        What triggers the camera.
+    wired
+        Whether the camera's exposure-active output reaches the board.
     formation
         How images form; that of the bench by default.
     log
@@ -71,6 +77,8 @@ class World:
         Whether the power held until the end of the last program.
     second
         Starts the program of a second operator; None for none.
+    shots
+        Shots that its rigs have returned.
     """
 
     def __init__(
@@ -79,7 +87,8 @@ class World:
         folder: Path,
         *,
         leds: int = 6,
-        sequences: bool = False,
+        trigger: Literal["software", "board"] = "software",
+        wired: bool = True,
         formation: ImageFormation | None = None,
         log: Callable[[str], None] | None = None,
     ) -> None:
@@ -87,8 +96,14 @@ class World:
         self.leds = leds
         self.scheduler = Scheduler(schedule.seed, self._step)
         (folder / "disk").mkdir()
-        self.disk = Disk(folder / "disk", self.scheduler.random, self.scheduler.step, self._pause)
-        self.board = WorldBoard(self.scheduler, leds)
+        self.disk = Disk(
+            folder / "disk",
+            self.scheduler.random,
+            self.scheduler.step,
+            self._pause,
+            lambda: self.scheduler.program,
+        )
+        self.board = WorldBoard(self.scheduler, leds, wired=wired)
         self.camera: WorldCamera | None = None
         self.camera_faults: dict[int, CameraFault] = {}
         self._camera_back_ns = 0
@@ -97,20 +112,23 @@ class World:
             name="world",
             driver="world",
             leds=leds,
-            trigger="board" if sequences else "software",
+            trigger=trigger,
             frame_timeout_s=1.0,
         )
         self.met: list[Event] = []
         self.second: Callable[[], object] | None = None
-        self._left = list(schedule.events)
+        self.shots: list[Shot] = []
+        self._left: list[Event] = []
+        self._later = list(schedule.events)
+        self._programs = 0
         self._log = log
         self._clock_off = timedelta()
         self.powered = True
-        self.rotted: set[str] = set()
+        self.damaged: set[str] = set()
 
     def run(self, name: str, main: Callable[[], object]) -> Program:
         """Run a program in the world to its end, or until it or the power is gone."""
-        self.powered = True
+        self._begin()
         try:
             with self._installed():
                 return self.scheduler.run(name, main)
@@ -120,21 +138,23 @@ class World:
     @contextmanager
     def inside(self) -> Iterator[None]:
         """Make the calling thread a program of the world in the block, as a fixture needs it."""
-        self.powered = True
+        self._begin()
         try:
             with self._installed(), self.scheduler.inside("block"):
                 yield
         finally:
             self._end()
 
-    def open_rig(self) -> Rig:
+    def open_rig(self) -> WatchedRig:
         """Open the rig of the world; to be called in it."""
         board = Board(self.board.port)
         try:
-            return Rig(board, self.open_camera(), self.config, open_camera=self.open_camera)
+            rig = WatchedRig(board, self.open_camera(), self.config, open_camera=self.open_camera)
         except BaseException:
             board.close()
             raise
+        rig.shots = self.shots
+        return rig
 
     def open_camera(self) -> WorldCamera:
         """Open the camera; to be called in the world."""
@@ -168,13 +188,17 @@ class World:
 
     def repair(self) -> None:
         """Let the operator repair disk, board and camera between two programs."""
-        self.disk.repair()
+        generator = self.scheduler.random
+        if self.disk.repair() and generator.random() < _TOO_LITTLE:
+            event = Event(0, "disk:full", generator.randint(1, MOST), self._programs)
+            self._later.append(event)
         self.board.repair()
         self._camera_back_ns = 0
 
     def forget_events(self) -> None:
         """Remove the faults that have not happened yet."""
         self._left.clear()
+        self._later.clear()
 
     def say(self, line: str) -> None:
         """Write a line to the log."""
@@ -186,8 +210,9 @@ class World:
         task = self.scheduler.current
         if self._log is not None and task is not None:
             self.say(f"{task.name}: {name}")
-        while self._left and self._left[0].step <= self.scheduler.steps:
-            event = self._left.pop(0)
+        due = [event for event in self._left if event.step <= self.scheduler.steps]
+        for event in (one for one in due if name == "fsync" or not one.flush):
+            self._left.remove(event)
             self.met.append(event)
             self.say(f"*** {event.kind} {event.value}")
             self._happen(event)
@@ -209,10 +234,14 @@ class World:
         elif place == "board":
             # An LED; milliseconds that are about those of a shot; others are plausible as they are.
             most = {"wrong-led": self.leds, "goes-dark": 30}.get(kind, value + 1)
-            lights = "FLASH" if self.config.trigger == "board" else "ON"
-            verb = lights if kind in ("wrong-led", "goes-dark") else None
+            verbs = {"wrong-led": ("FLASH", "STEP"), "goes-dark": ("FLASH", "RUN")}.get(kind)
+            if verbs is not None and self.config.trigger == "software":
+                verbs = ("ON", "ON")
+            verb = verbs and verbs[value // 30 % 2]
             fault = BoardFault(kind=cast(FaultKind, kind), verb=verb, value=value % most)
             self.board.add_fault(fault)
+        elif kind == "stray-trigger":
+            self.board.history.disturb(scheduler.now_ns + value * 100_000)
         elif kind == "garbage":
             self.board.garbage(scheduler.random.randbytes(value % 40 + 1))
         elif kind == "delay":
@@ -223,8 +252,8 @@ class World:
             self.camera.dark = value % 3 + 1
         elif place == "camera" and self.camera is not None:
             self.camera.fault = cast(CameraFault, kind)
-        elif kind == "rot":
-            self._rot(value)
+        elif kind in ("rot", "lost-file"):
+            self._damage(value, lost=kind == "lost-file")
         elif place == "disk":
             self.disk.faults[cast(DiskFault, kind)] = {"full": 30 * value, "slow": value / 8}.get(
                 kind, 1
@@ -246,6 +275,16 @@ class World:
                 else:
                     one.pending.append(getattr(signal, kind))
 
+    def _begin(self) -> None:
+        """Make ready for a program, and for the faults that wait for its start."""
+        self.powered = True
+        now = [event for event in self._later if event.after == self._programs]
+        self._later = [event for event in self._later if event.after != self._programs]
+        began = self.scheduler.steps
+        self._left += [replace(event, step=began + event.step) for event in now]
+        self._left.sort(key=lambda event: event.step)
+        self._programs += 1
+
     def _end(self) -> None:
         """Clean up after the last program."""
         self.disk.close_all()
@@ -256,13 +295,16 @@ class World:
     def _running(self) -> list[Program]:
         return list(dict.fromkeys(task.program for task in self.scheduler.tasks))
 
-    def _rot(self, value: int) -> None:
+    def _damage(self, value: int, *, lost: bool) -> None:
         frames = sorted(self.disk.root.glob("*/frames/[!.]*"))
         if frames:
             path = frames[value % len(frames)]
-            self.say(f"rot {path.name}")
-            self.rotted.add(path.name)
-            self.disk.rot(path, self.scheduler.random.randrange(10**6))
+            self.say(f"damage {path.name}")
+            self.damaged.add(path.name)
+            if lost:
+                self.disk.lose(path)
+            else:
+                self.disk.rot(path, self.scheduler.random.randrange(10**6))
 
     def _pause(self, seconds: float) -> None:
         scheduler = self.scheduler

@@ -79,11 +79,10 @@ DEFECTS = (
         "        if off_us > 1e9:",
     ),
     Planted(
-        "the first frame of a sequence is not held back",
+        "the first frames of a sequence are not held back",
         _SEQUENCE,
-        "        if index == 0:\n            held_back = shot\n"
-        "        else:\n            yield shot",
-        "        yield shot",
+        "        if index > 1:\n",
+        "        if held_back:\n",
     ),
     # The loop of a recording.
     Planted(

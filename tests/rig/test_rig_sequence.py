@@ -3,6 +3,7 @@
 import contextlib
 import itertools
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -96,7 +97,7 @@ def test_a_fault_of_the_board_ends_the_run_after_the_proven_frames(bench, fault,
         assert "\n" not in str(error.value)
         assert [led_seen(shot.frame) for shot in shots] == leds[: len(shots)]
         assert len(shots) <= proven
-        # The second frame proves the first one; a step may be queried more than once.
+        # The third frame proves the first two; a step may be queried more than once.
         assert len(shots) >= (proven - 1 if fault.verb != "DID" else 0)
         # Remaining frames are not mistaken for those of the next run.
         assert [led_seen(s.frame) for s in rig.sequence([20, 21, 22], EXPOSURE_US)] == [20, 21, 22]
@@ -195,16 +196,16 @@ def test_runs_are_complete_and_avoid_single_shots(count, most):
     st.floats(0, 2e5),
     st.integers(2, 48),
 )
-def test_the_first_gap_is_longer_on_any_clock(settle_ms, exposure_us, period_us, count):
+def test_the_first_gaps_are_longer_on_any_clock(settle_ms, exposure_us, period_us, count):
     exposure = ShotTimes(
         round(settle_ms * 1000), exposure_us, period_us, max(period_us, exposure_us) * 1.01 + 300
     )
     steps = list(exposure.steps(tuple(range(count))))
     spacing = [step.settle_us + step.hold_us + step.gap_us for step in steps[:-1]]
     assert all(each >= exposure.run_us - 1 for each in spacing)
-    for other in spacing[1:]:
+    for one, other in (*pairwise(spacing[:3]), *((spacing[0], later) for later in spacing[1:])):
         # Twice the tolerance of the clocks, so that one is not mistaken for the other.
-        assert spacing[0] - other >= 2 * (300 + 0.01 * spacing[0]) or spacing[0] - other >= 4990
+        assert one - other >= 2 * (300 + 0.01 * one) or one - other >= 4990
 
 
 @given(
@@ -243,7 +244,7 @@ def frame(number, time_us):
     return CameraFrame(np.zeros((1, 1), np.uint16), number, round(time_us * 1000), 1.0, 0.0, None)
 
 
-PULSES_US = [2000, 62_000, 112_000, 162_000, 212_000, 262_000]
+PULSES_US = [2000, 62_000, 117_000, 167_000, 217_000, 267_000]
 
 
 @pytest.mark.parametrize("rate", [0.995, 1.0, 1.005])
@@ -259,12 +260,27 @@ def test_a_missed_trigger_is_detected_at_any_place(missed):
     """There are frames for all pulses but one; the counts do not show this."""
     spacing = Spacing("cam")
     seen = [pulse for index, pulse in enumerate(PULSES_US) if index != missed]
-    # One frame alone does not show the loss of the first; it is therefore held back.
+    # One frame alone does not show the loss of the first.
     wrong = max(1, missed)
     for number in range(wrong):
         spacing.check(frame(number, seen[number]), number, PULSES_US[number])
     with pytest.raises(CameraError, match="the camera missed a trigger"):
         spacing.check(frame(wrong, seen[wrong]), wrong, PULSES_US[wrong])
+
+
+@pytest.mark.parametrize(
+    "seen",
+    [
+        pytest.param((PULSES_US[0] - 60_000, *PULSES_US), id="before the first"),
+        pytest.param((PULSES_US[2] - 60_000, *PULSES_US[2:]), id="instead of the second"),
+    ],
+)
+def test_the_third_frame_shows_a_stray_one_at_the_distance_of_the_first(seen):
+    spacing = Spacing("cam")
+    for number in range(2):
+        spacing.check(frame(number, seen[number]), number, PULSES_US[number])
+    with pytest.raises(CameraError, match="saw an extra one"):
+        spacing.check(frame(2, seen[2]), 2, PULSES_US[2])
 
 
 def test_one_frame_alone_is_not_proven():

@@ -11,22 +11,26 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from acquisition import DataError, make_folder
 from acquisition.files import storage
-from rig import Board, BoardError
-from rig.board import protocol
+from rig import Board, BoardError, CameraFrame, Shot
+from rig.board import BoardEcho, protocol
 from rig.host import clock, filesystem, program, threads
 from rig.shooting import lights_off
+from simulator.bench.state import LitPeriod
 from simulator.led_board import BoardFault
 from simulator.world import Event, Schedule, Trial, World
 from simulator.world.disk import Disk
+from simulator.world.invariants import SessionState, badly_lit, misplaced
+from simulator.world.light import LightHistory, LightView
 from simulator.world.schedule import KINDS, VERSION
 from simulator.world.scheduler import StuckError
-from simulator.world.trial import run, run_seed
+from simulator.world.trial import empty_folder, run, run_seed
 
 CALM = Schedule(3, ())
 
@@ -84,10 +88,103 @@ def test_every_fault_happens_and_is_survived(kind: str) -> None:
     assert outcome.violations == ()
 
 
+FRAME = CameraFrame(np.zeros((2, 2), np.uint16), 1, 1000, 2.0, 0.0, None)
+WHOLE = LitPeriod(4, 1000, 3000)
+
+
+@pytest.mark.parametrize(
+    ("shot", "periods", "found"),
+    [
+        pytest.param(Shot(FRAME, 4, BoardEcho(1, 4)), [WHOLE], None, id="whole"),
+        pytest.param(Shot(FRAME, None, None), [LitPeriod(4, 3000, 4000)], None, id="dark"),
+        pytest.param(Shot(FRAME, 4, None), [LitPeriod(4, 1000, 2999)], "that was lit by", id="end"),
+        pytest.param(
+            Shot(FRAME, 4, None), [LitPeriod(4, 1001, 3000)], "that was lit by", id="start"
+        ),
+        pytest.param(Shot(FRAME, 4, None), [], "that was lit by", id="none"),
+        pytest.param(Shot(FRAME, 5, None), [WHOLE], "that was lit by", id="another LED"),
+        pytest.param(Shot(FRAME, None, None), [WHOLE], "that was lit by", id="not dark"),
+        pytest.param(
+            Shot(FRAME, 4, None), [WHOLE, LitPeriod(5, 1, 9000)], "that was lit by", id="two LEDs"
+        ),
+        pytest.param(Shot(FRAME, 4, BoardEcho(1, 5)), [WHOLE], "the echo states 5", id="echo"),
+    ],
+)
+def test_a_shot_needs_its_led_for_its_complete_exposure(
+    shot: Shot, periods: list[LitPeriod], found: str | None
+) -> None:
+    cancelled = LitPeriod(3, 2000, 2000)
+    texts = list(badly_lit([shot], [*periods, cancelled]))
+    assert [found in text for text in texts if found] == [True] * (found is not None)
+    assert len(texts) == (found is not None)
+
+
+def test_files_are_where_the_journal_states(tmp_path: Path) -> None:
+    """A damaged frame is set aside, and each way to misplace its file is found."""
+    events = (
+        Event(400, "disk:lost-file", 3),
+        Event(400, "disk:rot", 1),
+        Event(420, "program:SIGKILL"),
+    )
+    trial = Trial(Schedule(5, events), tmp_path)
+    assert trial.run().violations == ()
+    state = SessionState.read(trial.session)
+    assert [event["kept"] is None for event in state.set_aside_events] == [False, True]
+    assert list(misplaced(state)) == []
+    (path,) = trial.session.glob("derived/set_aside/*")
+    path.rename(path.with_name("other"))
+    (trial.session / "frames" / "more.tif").touch()
+    found = list(misplaced(SessionState.read(trial.session)))
+    assert [text.split(" ", 1)[1][:30] for text in found] == [
+        "was set aside without an event",
+        "is missing, although an event ",
+        "but no line that counts has th",
+    ]
+
+
+def test_a_second_program_takes_over_and_may_not_complete_without_what_it_rejected() -> None:
+    lines: list[str] = []
+    for seed in range(6):
+        events = Event(500, "program:second"), Event(505, "program:SIGKILL")
+        with empty_folder() as folder:
+            assert Trial(Schedule(seed, events), folder, lines.append).run().violations == ()
+    assert any("second: " in line and "take them before completing" in line for line in lines)
+
+
+def test_a_stray_trigger_comes_whatever_the_board_does() -> None:
+    history = LightHistory()
+    history.pulse(2000)
+    history.disturb(1500)
+    history.pulse(500)
+    history.put_out(1000)
+    seen = LightView(history, lambda: None).triggers()
+    assert [pulse.time_ns for pulse in seen] == [500, 1500]
+
+
+def test_a_fault_may_wait_for_a_later_program(tmp_path: Path) -> None:
+    events = Event(10, "program:SIGKILL", after=2), Event(300, "program:SIGKILL")
+    trial = Trial(Schedule(2, events), tmp_path)
+    outcome = trial.run()
+    # The second one ends well, and there is no third.
+    assert (outcome.programs, len(outcome.met)) == (2, 1)
+    (tmp_path / "more").mkdir()
+    trial = Trial(Schedule(2, (*events, Event(20, "program:SIGKILL", after=1))), tmp_path / "more")
+    outcome = trial.run()
+    assert (outcome.programs, len(outcome.met)) == (4, 3)
+
+
 # Schedules that broke a promise, and what was wrong.
 FOUND = {
     "a zero in place of the last newline made the journal damaged": Schedule(
-        100620, (Event(620, "host:power-loss"),)
+        100620, (Event(485, "host:power-loss"),)
+    ),
+    "a stray trigger at the right distance took the place of the first one of a run": Schedule(
+        320043,
+        (
+            Event(94, "board:lose-trigger", 151, flush=True),
+            Event(151, "board:reset", 138, flush=True),
+            Event(297, "wire:stray-trigger", 51),
+        ),
     ),
 }
 
