@@ -142,7 +142,7 @@ def measure_area(
         whole = np.full(heights_mm.shape, np.nan, heights_mm.dtype)
         whole[window] = limited
         limited = whole
-    return Area(_with_doubts(found), chosen, limited, resolution)
+    return Area(_with_doubts(found, shown=resolution.shown), chosen, limited, resolution)
 
 
 def _evaluation(area: Bool, scales: Scales) -> Evaluate:
@@ -155,10 +155,13 @@ def _evaluation(area: Bool, scales: Scales) -> Evaluate:
     return evaluate
 
 
-def _with_doubts(found: Mapping[str, Quantity]) -> dict[str, Quantity]:
+def _with_doubts(found: Mapping[str, Quantity], *, shown: bool) -> dict[str, Quantity]:
     """Return the quantities of an area with doubts about their uncertainties."""
-    even = found["Str"].value >= _LEAST_STRIPED
-    doubts = {"Std": ("the texture has no main direction",)} if even else {}
+    # Where the surface is sharpest, blur removes more than the linear budget states.
+    unseen = () if shown else ("a single point decides, and the blur of the lens is not known",)
+    doubts = dict.fromkeys(("Sp", "Sv", "Sz"), unseen)
+    if found["Str"].value >= _LEAST_STRIPED:
+        doubts["Std"] = ("the texture has no main direction",)
     return {name: _doubted(one, doubts.get(name, ())) for name, one in found.items()}
 
 

@@ -42,17 +42,20 @@ class Resolution:
         Standard deviation of the blur by the lens and the aperture of a pixel, in pixels.
     blur_sigma_px
         Standard deviation of `blur_px`.
+    shown
+        Whether the blur of this lens is known, not only that of usual ones.
     """
 
     pixel_mm: float
     blur_px: float = 0.0
     blur_sigma_px: float = 0.0
+    shown: bool = True
 
     @classmethod
     def seen(cls, pixel_mm: float, blur_px: float | None) -> Resolution:
         """Return that of a recording whose normals show a blur, or None: a usual lens in focus."""
         if blur_px is None:
-            return cls(pixel_mm, _USUAL_PX, _USUAL_SPREAD * _USUAL_PX)
+            return cls(pixel_mm, _USUAL_PX, _USUAL_SPREAD * _USUAL_PX, shown=False)
         return cls(pixel_mm, blur_px, _SHOWN_SPREAD * blur_px)
 
     @property
