@@ -142,7 +142,8 @@ def lights_of_moved(
 
     Near lights with known positions stay where they are relative to the object if the camera moved,
     and relative to the camera if the object did. The images, up to one factor each, show which: one
-    of the two explains most of them better.
+    of the two explains most of them better. If the camera moved, its usual place, where the lights
+    have these positions, is taken to be the median of all.
 
     Parameters
     ----------
@@ -172,14 +173,13 @@ def lights_of_moved(
     turned_deg = float(angle_deg(here - middle, here - by_mm - middle).max())
     if turned_deg < _stated_deg(lights):
         return lights, []
-    nearer = np.linalg.norm(here, axis=1) / np.linalg.norm(here - by_mm, axis=1)
-    strengths = np.asarray(lights.intensities) * nearer[:, None] ** 2
-    other = replace(lights, positions_mm=here - by_mm, intensities=strengths)
     which = [lights.ids.index(name) for name in images.ids]
+    usual = _displaced(lights, np.median(by_mm[which], axis=0))
+    other = _displaced(lights, by_mm)
     values = np.array([image[rows[some], columns[some]] for image in images], np.float64).T
     left = [
         _left(values, np.moveaxis(one.take(which).vectors_at(points), 0, 1))
-        for one in (lights, other)
+        for one in (usual, other)
     ]
     spread = min(float(np.nanmedian(one)) for one in left)
     losses = [np.nanmean(np.log1p((one / (3 * spread)) ** 2), axis=0) for one in left]
@@ -189,14 +189,22 @@ def lights_of_moved(
     clear = float(better.mean() / max(better.std(ddof=1) / len(better) ** 0.5, 1e-12))
     moved = f"by up to {far_mm.max():.2g} mm, which turns lights by up to {turned_deg:.1f} degrees"
     if clear > _CLEAR:
-        return lights, []
+        return usual, []
     if clear < -_CLEAR:
         text = f"the object moved under fixed lights, {moved}: this was taken into account"
         return other, [Notice("object-moved", text, severity="info")]
     text = f"camera or object moved, {moved} if it was the object; the images do not show which"
     if turned_deg > _REFUSED_DEG:
         raise EstimateError(f"{text}: record it again, with camera and object fixed")
-    return lights, [Notice("lights-may-have-moved", f"{text}; it is taken to be the camera")]
+    return usual, [Notice("lights-may-have-moved", f"{text}; it is taken to be the camera")]
+
+
+def _displaced(lights: Lights, by_mm: Float64) -> Lights:
+    """Return the same lights as seen from an object that has moved by ``(3,)`` or ``(N, 3)``."""
+    here = np.asarray(lights.positions_mm)
+    nearer = np.linalg.norm(here, axis=1) / np.linalg.norm(here - by_mm, axis=1)
+    strengths = np.asarray(lights.intensities) * nearer[:, None] ** 2
+    return replace(lights, positions_mm=here - by_mm, intensities=strengths)
 
 
 def _stated_deg(lights: Lights) -> float:
