@@ -251,7 +251,7 @@ def test_rejected_frames_stay_with_the_plan(
     bench: _Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rig = bench.rig()
-    bench.camera.set_fault(2, "lost")
+    bench.camera.set_fault(3, "lost")
     fetch = rig.camera.fetch
 
     def without_led_3(*words: Any) -> Any:
@@ -264,4 +264,4 @@ def test_rejected_frames_stay_with_the_plan(
         record(rig, PLAN, tmp_path / "s", LABELS)
     # The lost shot was taken again, the one without light was not.
     session = Session.open(tmp_path / "s")
-    assert [details["file"] for details in _events(session, "retake")] == ["L01_E0.tif"]
+    assert [details["file"] for details in _events(session, "retake")] == ["L02_E0.tif"]

@@ -338,9 +338,9 @@ def test_frames_need_a_time() -> None:
 # ---------------------------------------------------------------- sequences
 
 LEDS = (3, None, 5)
-# 8.45 ms of light, and gaps of 46.55 and 41.55 ms.
-LIT_S = [0.00845, 0.06345, 0.11345]
-FRAME_S = [0.007, 0.062, 0.112]
+# 8.45 ms of light, and gaps of 51.55 and 46.55 ms.
+LIT_S = [0.00845, 0.06845, 0.12345]
+FRAME_S = [0.007, 0.067, 0.122]
 
 
 def test_a_sequence(devices: Devices) -> None:
@@ -356,11 +356,11 @@ def test_a_sequence(devices: Devices) -> None:
         *[("expect", 0.0)] * 3,
         ("run", 0.0, 3, "time"),
         ("fetch", 0.0, 1, timeouts_s[0]),
-        # The first frame is proven by the second.
+        # The first two frames are proven by the third.
         ("fetch", FRAME_S[0], 2, timeouts_s[1]),
-        ("yields", FRAME_S[1], 3, 1),
-        ("yields", FRAME_S[1], None, 2),
         ("fetch", FRAME_S[1], 3, timeouts_s[2]),
+        ("yields", FRAME_S[2], 3, 1),
+        ("yields", FRAME_S[2], None, 2),
         ("yields", FRAME_S[2], 5, 3),
     ]
     assert [(what, round(at_s - start_s, 6), *rest) for what, at_s, *rest in devices.log] == [
@@ -372,9 +372,9 @@ def test_a_sequence(devices: Devices) -> None:
 
 
 def test_a_frame_may_be_awaited_after_a_pause(devices: Devices) -> None:
-    for _ in run(bench_of(devices), LEDS, TIMES):
+    for _ in run(bench_of(devices), (*LEDS, 7), TIMES):
         devices.clock.now_s += 0.5
-    assert devices.log[-1][2:] == (3, 2.0)
+    assert devices.log[-1][2:] == (4, 2.0)
 
 
 @pytest.mark.parametrize(
