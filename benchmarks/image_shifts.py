@@ -76,7 +76,8 @@ def normals_deg(recording: Recording, align: AlignChoice, shifts: Float64) -> fl
     truth = np.stack(parts, axis=2)
     lengths = np.linalg.norm(truth, axis=2)
     inside = made.normals.mask & (lengths > _WHOLE)
-    return float(angle_deg(made.normals.normals, truth / lengths[..., None])[inside].mean())
+    # `angle_deg` normalises.
+    return float(angle_deg(made.normals.normals[inside], truth[inside]).mean())
 
 
 def main() -> None:

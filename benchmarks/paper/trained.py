@@ -8,7 +8,7 @@ from typing import Any
 
 from matplotlib.axes import Axes
 
-from sgp.pictures import Panel
+from sgp.pictures import Panel, set_plot_area
 
 
 def description(weights: Path) -> dict[str, Any]:
@@ -34,6 +34,7 @@ def loss_panel(title: str, weights: Path) -> Panel:
     curves = losses if isinstance(losses[0], list) else [losses]
 
     def draw(axes: Axes) -> None:
+        set_plot_area(axes)
         for number, curve in enumerate(curves, 1):
             axes.semilogy([100 * at / len(curve) for at in range(len(curve))], curve)
             if len(curves) > 1:
