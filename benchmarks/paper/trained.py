@@ -40,5 +40,6 @@ def loss_panel(title: str, weights: Path) -> Panel:
             if len(curves) > 1:
                 axes.text(100, curve[-1], f"level {number}")
         axes.set_xlabel("training, %")
+        axes.tick_params(which="both", labelsize=7)
 
     return Panel(title, draw)
