@@ -57,7 +57,7 @@ def shifts_of(kind: str, count: int, rng: np.random.Generator) -> Float64:
 
 
 def normals_deg(recording: Recording, align: AlignChoice, shifts: Float64) -> float:
-    """Return the mean angular error of the normals, which are those of the image in the middle."""
+    """Return the mean angular error of the normals, which are those of an image that stays."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name) / "images"
         recording.write(folder)
@@ -70,8 +70,9 @@ def normals_deg(recording: Recording, align: AlignChoice, shifts: Float64) -> fl
         made = reconstruct(source, align=align, surface=False)
     if recording.normals is None:
         return float("nan")
-    apart = np.linalg.norm(shifts[:, None] - shifts, axis=2)
-    by = shifts[np.argmin(apart.sum(axis=1))] if align != "off" else np.zeros(2)
+    moved = made.source.shifts_px
+    stays = [name not in moved for name in recording.lights.ids]
+    by = shifts[stays].mean(axis=0) if moved else np.zeros(2)
     parts = [shifted(np.float32(part), *by) for part in np.moveaxis(recording.normals, 2, 0)]
     truth = np.stack(parts, axis=2)
     lengths = np.linalg.norm(truth, axis=2)
