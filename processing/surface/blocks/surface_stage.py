@@ -20,7 +20,7 @@ _FIXED = 42_000_000
 _WHOLE, _CAMERA, _SIGMA = 70, 45, 33
 # Additional ones if jumps are looked for, of the whole or of the largest block, and bytes of the
 # search in large pixels.
-_JUMPS, _SEARCH = 150, 240_000_000
+_JUMPS, _SEARCH = 105, 240_000_000
 # Bytes per pixel of the largest block, of the rows that two blocks share, and of the map.
 _BLOCK, _SHARED, _MASKS = 82, 48, 2
 # Interpreter, libraries and bands of rows that are written.
@@ -88,7 +88,7 @@ class SurfaceStage:
     def solving(self, size: Size, rows: int | None = None) -> int:
         """Return the bytes that the solver needs, besides its inputs and the program.
 
-        The estimate is 3 to 55 % above the peaks that were measured from 1 to 10 megapixels.
+        The estimate is 3 to 85 % above the peaks that were measured from 1 to 10 megapixels.
         Priors and errors of heights need more.
 
         Parameters
