@@ -11,13 +11,14 @@ import pytest
 
 from acquisition import read_image
 from processing import NormalMap, write_normals
+from processing.surface import SurfaceStage
 from tests.sgp.killed import Server, killed_when, results, server
 
 __all__ = ["server"]
 
 SIZE = (480, 300)
-# A few MB more than interpreter and libraries: blocks of a few dozen rows.
-MEMORY = "358M"
+# The least that the command accepts: blocks of a few dozen rows.
+MEMORY = f"{SurfaceStage().need(SIZE).least // 10**6 + 1}MB"
 KILLS = 10
 
 

@@ -74,7 +74,8 @@ class Page:
             )
 
     def press(self, label: str) -> None:
-        """Click a button."""
+        """Click a button as soon as it is enabled."""
+        self.browser.until(f"{button(label)}?.disabled === false")
         self.click(button(label))
 
     def record(self, name: str) -> None:
