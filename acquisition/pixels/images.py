@@ -18,7 +18,7 @@ import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 from acquisition._errors import DataError
 from acquisition.files.map_rows import ComputedRows, MapRows, rows_of
 from acquisition.pixels.encoded_image import store_image
-from acquisition.pixels.image_input import check_png_file, opened_image
+from acquisition.pixels.image_input import OpenedImage, check_png_file, opened_image
 from acquisition.pixels.png_file import SRGB_CHUNKS, chunk, png_pieces, store_png
 from rig import MAX_PIXELS
 from rig.arrays import AnyArray, Bool, Float32, UInt8, UInt16
@@ -94,10 +94,32 @@ def read_image_with_alpha(
     """
     path = Path(path)
     with opened_image(path, max_pixels) as image:
-        # After the header check, which is faster and may refuse the file.
-        check_png_file(path)
-        pixels = image.decoded(path, image.file.read_image, image.page, 0, 0)
+        pixels = _decoded(path, image)
     return image.colours(pixels), image.alpha(pixels)
+
+
+def read_frame(path: Path, shape: tuple[int, ...]) -> UInt16:
+    """Read the pixels of a recorded frame, uint16 of a shape.
+
+    Raises
+    ------
+    MissingPathError, DataError
+        As `read_image`; or the header states another size or type.
+    """
+    with opened_image(path, max(shape[0] * shape[1], MAX_PIXELS)) as image:
+        if image.shape != shape or image.dtype != np.uint16:
+            raise DataError(
+                f"{path}: has {np.dtype(image.dtype)} pixels of shape {image.shape}, the session "
+                f"requires uint16 of {shape}; restore the file"
+            )
+        pixels = image.colours(_decoded(path, image))
+    return pixels.astype(np.uint16, copy=False)
+
+
+def _decoded(path: Path, image: OpenedImage) -> Image:
+    # After the header check, which is faster and may refuse the file.
+    check_png_file(path)
+    return image.decoded(path, image.file.read_image, image.page, 0, 0)
 
 
 def write_tiff(path: str | Path, pixels: UInt8 | UInt16) -> None:

@@ -40,7 +40,7 @@ def measure_quality(
     """
     step = 1 if pixels.ndim == 2 else pixels.shape[2]
     rows = np.ascontiguousarray(pixels).reshape(len(pixels), -1)
-    counts, squares = _scan(rows, 2 * step)
+    counts, squares = _scan(rows, int(rows.max()) + 1, 2 * step)
     ranks = np.cumsum(counts)
     total = int(ranks[-1])
     occupied = np.flatnonzero(counts)
@@ -49,7 +49,7 @@ def measure_quality(
         percentiles[name] = int(np.searchsorted(ranks, -(-per_mille * total // 1000)))
     percentiles["100"] = int(occupied[-1])
     clipped = counts[int(np.ceil(max(white_level_dn, 0))) :].sum()
-    mean_dn = float(counts @ np.arange(65536)) / total
+    mean_dn = float(counts @ np.arange(len(counts))) / total
     mean = mean_dn - black_level_dn
     height, width = rows.shape
     pairs = height * max(0, width - 2 * step) + max(0, height - 2) * width
@@ -62,14 +62,14 @@ def measure_quality(
 # Without the GIL, because the thread that controls the light must not wait for this; on one core,
 # because parallel loops of several threads would slow each other down.
 @numba.njit(cache=True, nogil=True)
-def _scan(rows: UInt16, step: int) -> tuple[Int64, np.uint64]:
-    """Return how often each value occurs, and the squared differences of pairs, summed up.
+def _scan(rows: UInt16, levels: int, step: int) -> tuple[Int64, np.uint64]:
+    """Return how often each value below ``levels`` occurs, and the summed squares of differences.
 
     Pairs are ``step`` apart along the rows and two apart down the columns.
     """
     height, width = rows.shape
     # Two histograms in turn: equal neighbours would wait for each other's count.
-    counts = np.zeros((2, 65536), np.int64)
+    counts = np.zeros((2, levels), np.int64)
     squares = np.uint64(0)
     for y in range(height):
         row = rows[y]

@@ -10,13 +10,12 @@ import numpy as np
 
 from acquisition._errors import DataError, MissingPathError
 from acquisition.files.storage import sha256_of
-from acquisition.pixels.images import read_image
+from acquisition.pixels.images import read_frame
 from acquisition.pixels.plain_rows import PlainRows, plain_rows
-from acquisition.pixels.stated_facts import image_facts
 from acquisition.plan.planned_shot import Role
 from acquisition.session.journal import FrameLine
 from acquisition.values.lights import led_id
-from rig import MAX_PIXELS, Notice, short_repr
+from rig import Notice, short_repr
 from rig.arrays import UInt16
 
 
@@ -96,20 +95,12 @@ class SessionFrame:
             # Reading a pipe, for instance, might never end.
             raise DataError(f"{self.path}: is not a regular file; restore it")
         try:
-            stated = self.shape[0] * self.shape[1]
-            form = image_facts(self.path, max_pixels=max(stated, MAX_PIXELS))
-            if form.shape != self.shape or form.dtype != np.uint16:
-                raise DataError(
-                    f"{self.path}: has {form.dtype} pixels of shape {form.shape}, the session "
-                    f"requires uint16 of {self.shape}; restore the file"
-                )
-            pixels = read_image(self.path, max_pixels=stated)
+            pixels = read_frame(self.path, self.shape)
         except MissingPathError as error:
             raise DataError(f"{self.path}: is in the journal but not there; restore it") from error
-        raw = pixels.astype(np.uint16, copy=False)
-        if pixels_sha256(raw) != self.line.pixels_sha256:
+        if pixels_sha256(pixels) != self.line.pixels_sha256:
             raise self._differs()
-        return raw
+        return pixels
 
     def check_rows(self) -> PlainRows | None:
         """Check the hash of the pixels without decoding them, so that rows can be read later.
