@@ -73,6 +73,7 @@ def test_the_stated_error_is_that_of_a_disc_of_which_one_side_is_missing(cut):
         pytest.param([9, 15, 45, 60, 120, 170, 300], 0.01, False, [], id="lamps of many sizes"),
         pytest.param([9, 15, 45, 60, 120, 170, 300], 0.2, False, range(7), id="not round, either"),
         pytest.param([60, 70, 80, 90, 100, 110, 130], 0.2, False, [], id="noisy contours"),
+        pytest.param([1, 1.4, 1.9, 2.4, 3.2, 4, 5.6], 0.08, False, [], id="of few pixels"),
     ],
 )
 def test_spots_of_other_sizes_may_be_elsewhere_on_the_sphere(areas, round_, known, elsewhere):

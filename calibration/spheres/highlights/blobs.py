@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from calibration.spheres.highlights.spot import Spot, largest_disc, saturated_spot, unsaturated_spot
+from calibration.spheres.highlights import spot
 from rig.arrays import Bool, Float32, Float64, Intp
 
 _BLOB_LEVEL = 0.3
@@ -51,13 +51,13 @@ class Blob:
     saturated: bool
     rival: float
 
-    def locate(self, image: Float32, clipped: Bool) -> Spot:
+    def locate(self, image: Float32, clipped: Bool) -> spot.Spot:
         """Return its centre in the image in which it was found."""
         above = image - np.float32(self.level)
         if self.saturated:
             white = float(above[clipped & self.region].min())
-            return saturated_spot(above, self.region, white)
-        return unsaturated_spot(above, self.region, self.noise)
+            return spot.saturated_spot(above, self.region, white)
+        return spot.unsaturated_spot(above, self.region, self.noise)
 
 
 def bright_blobs(
@@ -126,7 +126,7 @@ def bright_blobs(
 def _width_px(region: Bool, *, core: bool) -> float:
     """Return the width of the largest disc in a core, or of the disc with the area of a region."""
     if core:
-        return 2 * largest_disc(region)[1]
+        return 2 * spot.largest_disc(region)[1]
     return 2 * float(np.sqrt(np.count_nonzero(region) / np.pi))
 
 
@@ -225,4 +225,5 @@ def usual_size(radii_px: Float64, sigma_px: Float64) -> UsualSize | None:
 
 
 def _not_round(radii_px: Float64, sigma_px: Float64) -> Bool:
-    return ~(sigma_px <= _NOT_ROUND * radii_px)
+    # The pixels alone make the contours of a small core scatter, and cores differ in size.
+    return ~(sigma_px <= np.hypot(_NOT_ROUND * radii_px, spot.PIXELS_PX2[0] / radii_px))

@@ -13,7 +13,7 @@ from rig.arrays import Bool, Float32, Float64
 # more, glare the second one.
 _LEVELS = (0.85, 0.6)
 # Standard deviation of a coordinate by the positions of the pixels, times the radius of the core.
-_PIXELS_PX2 = (0.134, 0.085)
+PIXELS_PX2 = (0.134, 0.085)
 # Error by glare, from the shift between the levels beyond its noise: at most six times the shift
 # (weak glare moves both) and at most a quarter of it plus 0.02 of the radius (strong glare moves
 # the lower one far).
@@ -86,8 +86,8 @@ def saturated_spot(image: Float32, region: Bool, white: float) -> Spot:
     lower, lower_radius, wider, _ = _contour_fit(image, region, _LEVELS[1] * white)
     moved = lower - upper
     shift = float(np.linalg.norm(moved)) / np.sqrt(2)
-    variance += (_PIXELS_PX2[0] / max(radius, 0.5)) ** 2
-    wider += (_PIXELS_PX2[1] / max(radius, 0.5)) ** 2
+    variance += (PIXELS_PX2[0] / max(radius, 0.5)) ** 2
+    wider += (PIXELS_PX2[1] / max(radius, 0.5)) ** 2
     noise = variance + wider
     shown = shift**3 / (shift**2 + noise)
     glare = min(_WEAK_GLARE * shown, _STRONG_GLARE * shown + _GLARE_RADII * radius)
