@@ -40,6 +40,8 @@ _FEWEST: Final = 3
 _FEWEST_LIGHTS: Final = 5
 # With fewer calibrations, the notice `series-short` says what is not known.
 _SHORT: Final = 6
+# A scatter of so many times the stated one is named; errors that lights share explain less.
+_SCATTERED: Final = 3.0
 # Share of the information of a sample that its median of absolute values keeps.
 _EFFICIENCY: Final = 0.37
 # Radians, relative strengths and mm; smaller scatter does not count.
@@ -211,7 +213,9 @@ def light_drift(
         vectors = np.array(aligned)
     towards = _unit(centre)
     offsets = np.einsum("nij,knj->kni", tangent_basis(towards), _unit(vectors))
-    direction_limits = _limits(offsets, np.array([_direction_sigmas(one) for one in series]), level)
+    sigmas = np.array([_direction_sigmas(one) for one in series])
+    direction_limits = _limits(offsets, sigmas, level)
+    scatter = float(np.median(direction_limits / _limits(0 * offsets, sigmas, level)))
     # A common motion takes its share of the scatter of few lights.
     fitted, numbers = (6, 3 * len(ids)) if near else (3, 2 * len(ids))
     if len(ids) >= _FEWEST_LIGHTS:
@@ -231,7 +235,8 @@ def light_drift(
     )
     if drift.moved or drift.beyond.any():
         _check_order(series, names)
-    return replace(drift, warnings=(*matching, *_notices(drift, names, common)))
+    notices = _notices(drift, names, common, scatter if sigmas.all() else 0.0)
+    return replace(drift, warnings=(*matching, *notices))
 
 
 def _matched(
@@ -390,7 +395,9 @@ def _jump(values: Float64, names: Sequence[str]) -> str:
     return f"between {names[largest]} and {names[largest + 1]}"
 
 
-def _notices(drift: LightDrift, names: Sequence[str], common: _Common) -> Iterator[Notice]:
+def _notices(
+    drift: LightDrift, names: Sequence[str], common: _Common, scatter: float
+) -> Iterator[Notice]:
     count, number = int(drift.beyond.sum()), len(drift.ids)
     if drift.moved:
         text = (
@@ -406,6 +413,12 @@ def _notices(drift: LightDrift, names: Sequence[str], common: _Common) -> Iterat
             f"{pluralize(count, 'light')} of {number} {'is' if count == 1 else 'are'} beyond the "
             f"limits: {said}: calibrate {which} again",
         )
+    if scatter > _SCATTERED:
+        text = (
+            f"the directions scatter {scatter:.0f} times as much as the calibrations state, and so "
+            "do the limits: compare the spheres, cameras and working planes"
+        )
+        yield Notice("series-scattered", text)
     if len(names) < _SHORT:
         text = f"{len(names)} calibrations do not distinguish a change that continues from scatter"
         if np.isfinite(drift.common_limit_deg):

@@ -292,8 +292,9 @@ def _lights(
             "circles, or leave out the radius to get directions"
         )
     text = (
-        "one sphere gives only directions: positions require two spheres; nothing shows whether it "
-        "rests on the board that it mirrors, as is assumed: on a pedestal of a quarter of its "
+        "one sphere gives only directions, as they are at the sphere: that of a light 500 mm away "
+        "is wrong by 1 degree 9 mm away from it; positions require two spheres; nothing shows if "
+        "it rests on the board that it mirrors, as is assumed: on a pedestal of a quarter of its "
         "radius, the directions are wrong by 0.5 degrees"
     )
     warnings.append(Notice("one-sphere", text))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations, product
 
@@ -25,11 +25,7 @@ from calibration.spheres.solve.light_positions import (
     pair_positions,
 )
 from calibration.spheres.solve.lost_images import named
-from calibration.spheres.solve.sphere_calibration import (
-    SeenTogether,
-    SphereCalibration,
-    rms_deg,
-)
+from calibration.spheres.solve.sphere_calibration import SeenTogether, SphereCalibration, rms_deg
 from calibration.spheres.solve.sphere_positions import place
 from rig import Notice
 from rig.arrays import Bool, Float64
@@ -64,7 +60,7 @@ def positioned_lights(
     """Estimate positions; leave out a sphere that was searched for and contradicts the others."""
     names, images = shown.lights, shown.images
     placed = place(cones, radii, camera)
-    chosen, undecided = choose_highlights(camera, placed, [image.highlights for image in images])
+    chosen, apart_mm2 = choose_highlights(camera, placed, [image.highlights for image in images])
     highlights = np.stack([one.pixels for one in chosen], axis=1)
     sigma_px = np.stack([one.sigma_px for one in chosen], axis=1)
     peaks = not any(one.saturated.any() for one in chosen)
@@ -109,7 +105,7 @@ def positioned_lights(
         tests = check_inputs(weighed, outlines, located.refined)
         warnings = _with_doubts(warnings, doubts(tests, camera, radii, shown.places_mm))
     doubtful = _doubtful(located)
-    warnings += _doubts_about_lights(names, located, doubtful, undecided)
+    warnings += _doubts_about_lights(names, located, doubtful, np.trace(apart_mm2.T) > 0)
     dropped = int(np.sum(seen & ~used))
     if dropped:
         text = f"{dropped} highlights disagree with the other spheres and were left out"
@@ -124,11 +120,8 @@ def positioned_lights(
             "use larger spheres, more of them, farther apart, or a camera with more pixels"
         )
         warnings.append(Notice("lights-uncertain", text))
-    errors = LightErrors(
-        _widened(located, doubtful),
-        residual_px=located.residuals_px,
-        spheres=used.sum(axis=1),
-    )
+    covariances = _widened(located, doubtful) + apart_mm2
+    errors = LightErrors(covariances, residual_px=located.residuals_px, spheres=used.sum(axis=1))
     lights = Lights(positions_mm=positions, ids=names, errors=errors)
     spheres = shown.spheres(replace(placed, centres_mm=centres))
     return SphereCalibration(lights, spheres, highlights, used, residuals, tuple(warnings))
@@ -152,20 +145,16 @@ def _widened(located: LocatedLights, doubtful: Bool) -> Float64:
 
 
 def _doubts_about_lights(
-    names: tuple[str, ...],
-    located: LocatedLights,
-    doubtful: Bool,
-    undecided: Bool,
-) -> list[Notice]:
-    """Return notices about lights with several possible highlights, or whose spheres disagree."""
-    notices = []
+    names: tuple[str, ...], located: LocatedLights, doubtful: Bool, undecided: Bool
+) -> Iterator[Notice]:
+    """Yield notices about lights with several possible highlights, or whose spheres disagree."""
     if undecided.any():
         text = (
             f"{named(names, np.flatnonzero(undecided), 8)}: several bright spots are possible "
-            "highlights, and agree between the spheres; the brighter ones were used: cover lamps "
-            "and windows, or use more spheres"
+            "highlights, and agree between the spheres; the brighter ones were used, and the "
+            "stated errors contain the others: cover lamps and windows, or use more spheres"
         )
-        notices.append(Notice("highlights-undecided", text))
+        yield Notice("highlights-undecided", text)
     if doubtful.any():
         residuals = located.residuals_px
         text = (
@@ -174,8 +163,7 @@ def _doubts_about_lights(
             f"{np.median(residuals):.2f} px: at least one of the spots is not the "
             "reflection of the light; do not trust its position"
         )
-        notices.append(Notice("light-doubtful", text))
-    return notices
+        yield Notice("light-doubtful", text)
 
 
 def _with_doubts(warnings: list[Notice], doubts: list[Notice]) -> list[Notice]:
@@ -189,7 +177,7 @@ def _with_doubts(warnings: list[Notice], doubts: list[Notice]) -> list[Notice]:
 
 def choose_highlights(
     camera: CameraModel, spheres: KnownSpheres, highlights: Sequence[Highlights]
-) -> tuple[list[Highlights], Bool]:
+) -> tuple[list[Highlights], Float64]:
     """Choose the candidates of each light that are highlights of one position.
 
     Every pair of candidates on two spheres proposes a position. It predicts the highlights on all
@@ -209,24 +197,25 @@ def choose_highlights(
     -------
     highlights
         The highlights that agree; none where all candidates of a sphere disagree.
-    undecided
-        ``(N,)`` whether other candidates agree nearly as well.
+    apart_mm2
+        ``(N, 3, 3)`` covariance of each position by other candidates that agree nearly as well; 0
+        if the choice is decided.
     """
     pixels = np.stack([one.candidates.pixels for one in highlights], axis=1)
     sigma_px = np.stack([one.candidates.sigma_px for one in highlights], axis=1)
     share = np.stack([one.candidates.share for one in highlights], axis=1)
     several = np.isfinite(pixels[..., 0]).sum(axis=2).max(axis=1, initial=0) > 1
-    undecided = np.zeros(len(pixels), bool)
+    apart_mm2 = np.zeros((len(pixels), 3, 3))
     picks = np.where(np.stack([one.found for one in highlights], axis=1), 0, -1)
     if not several.any() or len(highlights) < 2:
-        return list(highlights), undecided
+        return list(highlights), apart_mm2
     plain = np.flatnonzero(~several)
     plain = plain[:: max(len(plain) // _EXAMPLES, 1)]
-    usual = [_errors(camera, spheres, pixels[i])[..., 0] for i in plain]
+    usual = [_errors(camera, spheres, pixels[i])[1][..., 0] for i in plain]
     typical = [float(np.nanmedian(e, axis=1).min()) for e in usual if len(e)]
     agrees_px = max(_AGREES_PX, _WIDER * float(np.median(typical or [0.0])))
     for i in np.flatnonzero(several):
-        errors = _errors(camera, spheres, pixels[i])
+        positions, errors = _errors(camera, spheres, pixels[i])
         if not len(errors):
             continue
         variance = agrees_px**2 + sigma_px[i] ** 2
@@ -240,25 +229,25 @@ def choose_highlights(
         picks[i] = chosen[best]
         both = (chosen >= 0) & (chosen[best] >= 0)
         others = np.any(both & (chosen != chosen[best]), axis=1)
-        undecided[i] = bool(np.any(total[others] < total[best] + _DECIDED))
-    return [one.chosen(picks[:, k]) for k, one in enumerate(highlights)], undecided
+        second = int(np.argmin(np.where(others, total, np.inf)))
+        if others[second] and total[second] < total[best] + _DECIDED:
+            apart = positions[second] - positions[best]
+            apart_mm2[i] = np.outer(apart, apart) / (1 + np.exp(total[second] - total[best]))
+    return [one.chosen(picks[:, k]) for k, one in enumerate(highlights)], apart_mm2
 
 
-def _errors(camera: CameraModel, spheres: KnownSpheres, pixels: Float64) -> Float64:
-    """Return the distances ``(P, K, M)`` of candidates ``(K, M, 2)`` from P predicted highlights.
+def _errors(camera: CameraModel, spheres: KnownSpheres, pixels: Float64) -> tuple[Float64, Float64]:
+    """Return P proposed positions, and distances of candidates ``(K, M, 2)`` from what they show.
 
-    NaN where there is no candidate.
+    The distances ``(P, K, M)`` are NaN where there is no candidate.
     """
     points, directions = observed_rays(camera, spheres, pixels.swapaxes(0, 1))
     seen = np.isfinite(directions[..., 0])
     proposals = []
     for a, b in combinations(range(len(pixels)), 2):
         for m, n in product(np.flatnonzero(seen[:, a]), np.flatnonzero(seen[:, b])):
-            pair = (
-                np.stack([points[m, a], points[n, b]]),
-                np.stack([directions[m, a], directions[n, b]]),
-            )
-            proposals.append(pair_positions(*pair))
+            pair = [m, n], [a, b]
+            proposals.append(pair_positions(points[pair], directions[pair]))
     positions = np.concatenate(proposals) if proposals else np.zeros((0, 3))
     predicted = predicted_highlights(camera, spheres.centres_mm, spheres.radii_mm, positions)
-    return np.asarray(np.linalg.norm(predicted[:, :, None] - pixels, axis=-1))
+    return positions, np.linalg.norm(predicted[:, :, None] - pixels, axis=-1)

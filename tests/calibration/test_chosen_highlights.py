@@ -43,9 +43,10 @@ def choose(bench, dome_mm):
         centres = np.array([c for c, _ in spheres], float)
         radii = np.array([r for _, r in spheres])
         placed = KnownSpheres(centres, radii, np.eye(3 * len(spheres)))
-        result, undecided = choose_highlights(bench.camera, placed, highlights)
+        result, apart_mm2 = choose_highlights(bench.camera, placed, highlights)
         off = [np.linalg.norm(one.pixels - t, axis=1) for one, t in zip(result, true, strict=True)]
-        return np.stack(off, axis=1), np.flatnonzero(undecided).tolist()
+        sigmas_mm = np.sqrt(np.trace(apart_mm2, axis1=1, axis2=2))
+        return np.stack(off, axis=1), {n: sigmas_mm[n] for n in np.flatnonzero(sigmas_mm)}
 
     return chosen
 
@@ -67,18 +68,22 @@ def choose(bench, dome_mm):
 def test_the_candidates_that_agree_are_chosen(choose, spheres, several):
     off, undecided = choose(spheres, several)
     assert off.max() == 0
-    assert undecided == []
+    assert not undecided
 
 
 def test_a_sphere_whose_candidates_all_disagree_has_no_highlight(choose):
     off, undecided = choose(THREE, {(4, 1): [(3, 9, 1.0), (-8, 6, 0.6)]})
     assert np.argwhere(~np.isfinite(off)).tolist() == [[4, 1]]
     assert np.nanmax(off) == 0
-    assert undecided == []
+    assert not undecided
 
 
 def test_candidates_that_agree_on_two_spheres_leave_a_light_undecided(bench, dome_mm, choose):
-    """Two lamps, seen on both spheres: the brighter one is used. A third sphere changes nothing."""
+    """Two lamps, seen on both spheres: the brighter one is used, and the error contains the other.
+
+    A third sphere changes nothing.
+    """
+    apart_mm = np.linalg.norm(dome_mm[5] - dome_mm[1])
     for spheres in (TWO, THREE):
         several = {}
         for k, (centre, radius) in enumerate(spheres):
@@ -88,13 +93,15 @@ def test_candidates_that_agree_on_two_spheres_leave_a_light_undecided(bench, dom
             several[1, k] = [(0, 0, 1.0), (*shift, 0.8)]
         off, undecided = choose(spheres, several)
         assert off.max() == 0
-        assert undecided == [1]
+        likely = 0.8 ** len(spheres)
+        sigma_mm = apart_mm * np.sqrt(likely / (1 + likely))
+        assert undecided == {1: pytest.approx(sigma_mm, rel=0.01)}
 
 
 def test_one_sphere_decides_nothing(choose):
     off, undecided = choose(TWO[:1], {(2, 0): [(0, 0, 1.0), (3, 9, 0.9)]})
     assert np.flatnonzero(~np.isfinite(off[:, 0])).tolist() == [2]
-    assert undecided == []
+    assert not undecided
 
 
 def test_highlights_without_others_are_their_own_candidates():

@@ -146,6 +146,15 @@ def test_stated_deviations_widen_the_limits_of_their_calibration() -> None:
         assert limits[4].min() > 3 * np.delete(limits, 4, axis=0).max()
 
 
+@pytest.mark.parametrize(("share", "named"), [(1, []), (0.5, []), (0.1, ["series-scattered"])])
+def test_a_scatter_beyond_what_is_stated_is_named(share: float, named: list[str]) -> None:
+    stated = np.tile(np.eye(2) * (share * SIGMA_RAD) ** 2, (COUNT, 1, 1))
+    calibrations = [replace(one, errors=LightErrors(covariances=stated)) for one in series()]
+    drift = light_drift(calibrations)
+    assert not drift.beyond.any()
+    assert [one.code for one in drift.warnings] == named
+
+
 def test_strengths_that_were_not_measured() -> None:
     calibrations = series(number=5)
     for k in (1, 3):

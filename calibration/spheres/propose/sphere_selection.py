@@ -53,9 +53,7 @@ _MOST, _APART = 4, 0.1
 
 
 def searched_spheres(
-    values: Images,
-    camera: CameraModel | None,
-    radii_mm: Float64 | None,
+    values: Images, camera: CameraModel | None, radii_mm: Float64 | None
 ) -> tuple[list[SphereImage], list[Notice]]:
     """Search for the spheres; with a camera and radii, only for spheres of the right size.
 
