@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import ClassVar, Literal, Self
+from typing import ClassVar, Final, Literal, Self
 
 from rig.files.guard import SgpError
+
+# How notes begin that report LEDs that may be on.
+UNCONFIRMED: Final = "LEDs not confirmed off"
 
 
 class RigError(SgpError, RuntimeError):
@@ -89,12 +92,22 @@ class RigNotFoundError(RigConfigError):
 def note(error: BaseException, what: str, failure: Exception) -> None:
     """Add a later failure and its notes to the error that was raised first.
 
-    If both report that the camera no longer answers, nothing is added.
+    If both report that the same device no longer answers, nothing is added.
     """
-    if isinstance(error, CameraGoneError) and isinstance(failure, CameraGoneError):
+    if isinstance(failure, DeviceGoneError) and getattr(error, "device", "") == failure.device:
         return
     for said in (str(failure), *getattr(failure, "__notes__", ())):
         error.add_note(f"{what}: {said}")
+
+
+def note_unconfirmed(error: BaseException, failure: Exception) -> None:
+    """Note once that LEDs may be on, with the reason if that is not the error itself."""
+    before = list(getattr(error, "__notes__", ()))
+    if any(line.startswith(UNCONFIRMED) for line in before):
+        return
+    note(error, UNCONFIRMED, failure)
+    if getattr(error, "__notes__", []) == before:
+        error.add_note(UNCONFIRMED)
 
 
 def close_after(error: BaseException, close: Callable[[], object]) -> None:

@@ -105,9 +105,9 @@ def _turn_leds_off(rig: Rig, error: BaseException) -> bool:
     try:
         rig.off()
     except RigError as failure:
-        note = f"LEDs not confirmed off: {failure}"
-        if note not in getattr(error, "__notes__", ()):  # the rig may have added it already
-            error.add_note(note)
+        # The rig may have noted it already.
+        if not any("not confirmed off" in note for note in getattr(error, "__notes__", ())):
+            error.add_note(f"LEDs not confirmed off: {failure}")
         return False
     return True
 

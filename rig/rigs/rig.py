@@ -6,7 +6,14 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Literal
 
-from rig._errors import CameraError, DeviceGoneError, RigError, closed_after_errors, note
+from rig._errors import (
+    CameraError,
+    DeviceGoneError,
+    RigError,
+    closed_after_errors,
+    note,
+    note_unconfirmed,
+)
 from rig.board.board import Board
 from rig.board.ports import BoardPlace
 from rig.board.values import BoardEcho
@@ -345,5 +352,5 @@ class Rig(OpenBoard):
             try:
                 self.board.off()
             except RigError as failure:
-                note(error, "LEDs not confirmed off", failure)
+                note_unconfirmed(error, failure)
             raise
