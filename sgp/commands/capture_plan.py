@@ -15,7 +15,7 @@ import rig as rigs
 from sgp.cli.console import Stages
 from sgp.cli.exit import UsageError
 from sgp.cli.options import Count, Leds, OptionalInput, Real, RigOption, image_size, led_list
-from sgp.results import Result
+from sgp.results import Result, check_folder
 from sgp.rigs import chosen_rig, default_rig
 from sgp.sessions import Accepted
 
@@ -164,6 +164,7 @@ def check(
         Code of a finding that makes a recording useless, to count as ready; can be repeated.
     """
     name = chosen_rig(rig)
+    check_folder(out)
     with rigs.open_rig(name) as opened, Stages() as progress:
         chosen, left_out = chosen_plan(plan, opened.config)
         flight = acquisition.preflights.preflight(

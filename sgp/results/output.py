@@ -79,7 +79,7 @@ def check_output(out: Path, arguments: Iterable[Any], *, force: bool) -> None:
     Raises
     ------
     UsageError
-        As `check_folder`, or if the folder is that of a path among the arguments or in a session.
+        As `check_folder`, or if the folder is that of a path among the arguments.
     """
     check_folder(out, force=force)
     _check_apart(out, paths_of(arguments))
@@ -153,11 +153,6 @@ def _check_apart(out: Path, inputs: list[Path]) -> None:
         inside = folder in target.parents if path.is_dir() else False
         if path.exists() and (target == folder or inside) and not _is_derived(target):
             raise UsageError(f"{out} is in the folder of the input {path}: give another --out")
-    for folder in (target, *target.parents):
-        if (folder / "session.toml").is_file() and not _is_derived(target):
-            raise UsageError(
-                f"{out} is inside the session {folder}: use its derived/ or another --out"
-            )
 
 
 def _is_derived(target: Path) -> bool:
@@ -199,8 +194,9 @@ def check_folder(out: Path, *, force: bool | None = None) -> None:
     Raises
     ------
     UsageError
-        If the path is a file, is below a file, has a name that is not UTF-8, or is a folder that is
-        not empty and ``force`` is not given. Part files of interrupted writes do not count.
+        If the path is a file, is below a file or in a session, has a name that is not UTF-8, or is
+        a folder that is not empty and ``force`` is not given. Part files of interrupted writes do
+        not count.
     """
     _check_name(out)
     _check_place(out, out)
@@ -211,6 +207,10 @@ def check_folder(out: Path, *, force: bool | None = None) -> None:
     ):
         instead = "" if force is None else ", or add --force"
         raise UsageError(f"{out} already contains files: choose another folder{instead}")
+    target = out.resolve()
+    for folder in (target, *target.parents):
+        if (folder / "session.toml").is_file() and not _is_derived(target):
+            raise UsageError(f"{out} is inside the session {folder}: choose another folder")
 
 
 def check_file(out: Path, suffix: str, *, force: bool) -> None:
@@ -244,7 +244,7 @@ def _check_place(folder: Path, out: Path) -> None:
     if os.path.lexists(place) and not place.is_dir():
         below = "" if place == out else f", so {out} cannot be below it"
         instead = "a folder" if folder == out else "another place"
-        raise UsageError(f"{place} is a file{below}: give --out {instead}")
+        raise UsageError(f"{place} is a file{below}: choose {instead}")
 
 
 def _check_name(out: Path) -> None:

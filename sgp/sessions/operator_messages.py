@@ -128,7 +128,8 @@ class CaptureTalk:
         dark = not any("not confirmed off" in line for line in notes)
         missing = len(session.missing)
         if missing:
-            intact = rigs.pluralize(len(session.frames), "frame is", "frames are")
+            there = sum(frame.path.is_file() for frame in session.frames)
+            intact = rigs.pluralize(there, "frame is", "frames are")
             frames = "missing and damaged frames" if self._damaged else "missing frames"
             state = f"{intact} intact, {rigs.pluralize(missing, 'is', 'are')} missing"
             remedy = f"takes the {frames}"

@@ -10,7 +10,10 @@ GOLDEN = Path(__file__).parents[1] / "acquisition" / "golden_session_3"
 
 
 def unfinished(folder: Path, lines: int | None = None) -> Path:
-    """Copy a session without its mark, with its first journal lines only."""
+    """Copy a session without its mark, with its first journal lines only.
+
+    The first 4 list two frames, but the file of one has another name since later lines.
+    """
     shutil.copytree(GOLDEN, folder)
     (folder / "COMPLETE").unlink()
     journal = folder / "journal.jsonl"
@@ -22,11 +25,11 @@ def unfinished(folder: Path, lines: int | None = None) -> Path:
     ("lines", "damaged", "said"),
     {
         "some missing": (
-            4, False, "2 frames are intact, 7 are missing; the LEDs are off; `capture resume "
+            4, False, "1 frame is intact, 7 are missing; the LEDs are off; `capture resume "
             "{folder}` takes the missing frames",
         ),
         "also damaged": (
-            4, True, "2 frames are intact, 7 are missing; the LEDs are off; `capture resume "
+            4, True, "1 frame is intact, 7 are missing; the LEDs are off; `capture resume "
             "{folder} --retake-damaged` takes the missing and damaged frames",
         ),
         "none missing": (

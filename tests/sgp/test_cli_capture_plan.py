@@ -161,6 +161,23 @@ def test_missing_files_are_wrong_usage(sgp, words):
     assert sgp("capture", "plan", *words).code == 2
 
 
+@pytest.mark.parametrize("command", ["run", "check"])
+@pytest.mark.parametrize(
+    ("place", "message"),
+    [
+        pytest.param("old", "already contains files: choose another folder", id="session"),
+        pytest.param("old/new", "is inside the session", id="in a session"),
+        pytest.param("old/frames", "is inside the session", id="frames of a session"),
+        pytest.param("rig.toml", "is a file: choose a folder", id="file"),
+        pytest.param("rig.toml/new", "cannot be below it: choose a folder", id="below a file"),
+    ],
+)
+def test_places_where_no_session_can_be_recorded(sgp, rig, tmp_path, command, place, message):
+    (tmp_path / "old" / "frames").mkdir(parents=True)
+    (tmp_path / "old" / "session.toml").write_text("")
+    assert message in sgp("capture", command, tmp_path / place, "--rig", rig).error_line(2)
+
+
 def test_a_working_rig_is_ready(sgp, rig, plan, tmp_path):
     answer = sgp("capture", "check", tmp_path / "new", "--rig", rig, "--plan", plan()).ok()
     assert answer.out.splitlines()[-1] == "ready to record"
