@@ -239,11 +239,7 @@ def _short(value: float) -> str:
 
 
 def _verdict(
-    compared: calibration.LightComparison,
-    beyond: Bool,
-    *,
-    limits: bool,
-    equal: list[str],
+    compared: calibration.LightComparison, beyond: Bool, *, limits: bool, equal: list[str]
 ) -> Iterator[str]:
     if equal:
         yield f"intensities are not compared: those of {' and '.join(equal)} are all equal"

@@ -92,7 +92,9 @@ def preview(
         view = _page(station, Screen(station, desk, order, out, pixel_mm), port, no_open)
     with view:
         station.run()
-    return Result(summary=["the screen is closed, and all LEDs are off"])
+    unsure = "; the rig did not answer: check that all LEDs are off"
+    off = ", and all LEDs are off" if station.confirmed_off else unsure
+    return Result(summary=[f"the screen is closed{off}"])
 
 
 def _terminal(station: Station, plan: acquisition.CapturePlan) -> AbstractContextManager[None]:

@@ -109,6 +109,7 @@ class Station:
         self._live = _Live(light)
         self._rig: rigs.Rig | None = None
         self._trouble = "opening the rig"
+        self.confirmed_off = False
         self._task: tuple[str, Task] | None = None
         self._stop = StopRequest()
         self._closing = False
@@ -165,7 +166,7 @@ class Station:
             self._rest(_REOPEN_S)
             return None
         with self._lock:
-            self._rig, self._trouble = opened, ""
+            self._rig, self._trouble, self.confirmed_off = opened, "", True
             self._live.composite, self._live.turn = Composite(), 0
             self._changed()
         return opened
@@ -275,7 +276,7 @@ class Station:
 
     def _fail(self, error: rigs.RigError) -> None:
         """Report that the rig failed, also in the terminal."""
-        trouble = error_text(error)
+        trouble, self.confirmed_off = error_text(error), False
         if self._report(trouble):
             note(f"error: {trouble}")
 

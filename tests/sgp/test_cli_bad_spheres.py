@@ -126,7 +126,7 @@ def test_one_sphere_where_positions_are_wanted_says_so(sgp, tmp_path):
     words = ("calibrate", "spheres", source, "--camera", camera_file(tmp_path / "c.json"))
     radius = ("--sphere", "130,100,45", "--radius-mm", 28.5)
     answer = sgp(*words, *radius, "--out", tmp_path / "l.json").ok()
-    assert "one sphere gives only directions: positions require two spheres" in answer.err
+    assert "one sphere gives only directions, as they are at the sphere" in answer.err
     assert not read_lights(tmp_path / "l.json").near
 
 
