@@ -9,6 +9,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from acquisition import DataError, LightErrors, Lights, angle_deg
+from acquisition.source import setup_differences
 from acquisition.value_files import lights_of_rig
 from acquisition.values import led_of, tangent_basis
 from calibration.comparison.order import Explanation, Mirror, Motion, explain
@@ -366,7 +367,7 @@ def _stated(lights: Lights) -> LightErrors:
 
 
 def matched_lights(a: Lights, b: Lights) -> tuple[Lights, Lights, tuple[Notice, ...]]:
-    """Return the lights that both have, in the order of ``a``, and notices about the others.
+    """Return the lights that both have, in the order of ``a``, and notices about others and setups.
 
     A calibration may have left out lights. So if it names the frames of its lights, the other one
     may have more of them.
@@ -376,6 +377,7 @@ def matched_lights(a: Lights, b: Lights) -> tuple[Lights, Lights, tuple[Notice, 
     DataError
         If the numbers or names of the lights differ, and not because a calibration left out lights.
     """
+    setups = tuple(_setups(a, b))
     if len(a) == len(b):
         try:
             order, by_name = b.match(a.ids)
@@ -383,12 +385,12 @@ def matched_lights(a: Lights, b: Lights) -> tuple[Lights, Lights, tuple[Notice, 
             pass
         else:
             if by_name:
-                return a, b.take(order), ()
+                return a, b.take(order), setups
             text = (
                 "lights with different names are matched by order "
                 f"({b.ids[0]} to {a.ids[0]} and so on)"
             )
-            return a, b, (Notice("lights-matched-by-order", text),)
+            return a, b, (*setups, Notice("lights-matched-by-order", text))
     places = [_place(name, b) for name in a.ids]
     both = [n for n, place in enumerate(places) if place is not None]
     order = [place for place in places if place is not None]
@@ -397,7 +399,16 @@ def matched_lights(a: Lights, b: Lights) -> tuple[Lights, Lights, tuple[Notice, 
     left_out = (not only_a or b.calibrated is not None) and (not only_b or a.calibrated is not None)
     if not left_out or len(set(order)) < len(order) or 2 * len(both) < max(len(a), len(b)):
         raise _different(a, b, only_a)
-    return a.take(both), b.take(order), tuple(_missing(only_a, only_b))
+    return a.take(both), b.take(order), (*setups, *_missing(only_a, only_b))
+
+
+def _setups(a: Lights, b: Lights) -> Iterator[Notice]:
+    """Yield a notice if two calibrations state different rigs, cameras or lenses."""
+    if a.calibrated and b.calibrated:
+        different = setup_differences(a.calibrated.setup, b.calibrated.setup)
+        if different:
+            text = f"the calibrations are not of one rig, camera and lens: {', '.join(different)}"
+            yield Notice("setups-differ", text)
 
 
 def _place(name: str, lights: Lights) -> int | None:

@@ -49,7 +49,7 @@ _FLOOR: Final = 2e-6
 _FLOOR_MM: Final = 1e-3
 _SINGULAR: Final = 1e-9
 _ORDER: Final = ("lights-reversed", "lights-flipped", "lights-swapped")
-_BY_ORDER: Final = "lights-matched-by-order"
+_OF_PAIRS: Final = ("lights-matched-by-order", "setups-differ")
 _NAMED: Final = 6
 
 
@@ -264,7 +264,8 @@ def _matched(
     left = list(dict.fromkeys(name for of, kept in both for name in of.ids if name not in kept.ids))
     text = f"not all calibrations have {listed(left, _NAMED)}: not compared"
     notices = [Notice("lights-not-compared", text)] if left else []
-    return series, notices + [one for _, found in pairs for one in found if one.code == _BY_ORDER]
+    named = [(name, one) for name, (_, found) in zip(names, pairs, strict=True) for one in found]
+    return series, notices + [replace(o, where=name) for name, o in named if o.code in _OF_PAIRS]
 
 
 def _check_order(series: Sequence[Lights], names: Sequence[str]) -> None:

@@ -12,10 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from acquisition import DataError, LightErrors, Lights
+from acquisition import DataError, LightErrors, Lights, Setup
 from acquisition.values import Calibrated
 from calibration import compare_lights
-from calibration.comparison import compare_with_rig
+from calibration.comparison import compare_with_rig, light_drift
 from rig import RigConfig
 from rig.arrays import Float64
 from tests.calibration.conftest import codes
@@ -334,6 +334,25 @@ def test_lights_are_matched_by_name() -> None:
     assert found.angle_deg.max() == 0
     renamed = replace(before, ids=tuple(f"photo{n}.jpg" for n in range(12)))
     assert codes(compare_lights(before, renamed)) == ["lights-matched-by-order"]
+
+
+@cases(
+    ("then", "now", "named"),
+    {
+        "the same": (Setup(rig="dome"), Setup(rig="dome"), []),
+        "not stated": (Setup(rig="dome"), Setup(camera_serial="7"), []),
+        "another rig": (Setup(rig="dome"), Setup(rig="arc"), ["setups-differ"]),
+        "another camera": (Setup(camera_serial="7"), Setup(camera_serial="8"), ["setups-differ"]),
+    },
+)
+def test_calibrations_of_another_rig_or_camera_are_named(
+    then: Setup, now: Setup, named: list[str]
+) -> None:
+    a, b = (replace(dome(12), calibrated=Calibrated(setup=one)) for one in (then, now))
+    assert codes(compare_lights(a, b)) == named
+    moved = [replace(b, positions_mm=b.positions_mm + by) for by in ([[1, 0, 0]], [[0, 1, 0]])]
+    said = [one for one in light_drift([a, *moved]).warnings if one.code == "setups-differ"]
+    assert len(said) == 2 * len(named)
 
 
 def config(positions: Float64) -> RigConfig:

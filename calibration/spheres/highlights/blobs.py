@@ -61,11 +61,7 @@ class Blob:
 
 
 def bright_blobs(
-    image: Float32,
-    saturated: Bool,
-    within: Bool,
-    sample: Intp,
-    radius_px: float,
+    image: Float32, saturated: Bool, within: Bool, sample: Intp, radius_px: float
 ) -> list[Blob]:
     """Return the compact bright blobs of an image, the one with the largest flux first.
 

@@ -144,12 +144,7 @@ class MirroredPlane:
         return Likeness(1 - left / np.maximum(total, 1e-9), total / points, use.mean(axis=-1))
 
     def differences(
-        self,
-        balls: Balls,
-        depths: Floating,
-        spokes: int,
-        spread_px: Float64,
-        weights: Float64,
+        self, balls: Balls, depths: Floating, spokes: int, spread_px: Float64, weights: Float64
     ) -> tuple[Float64, Bool]:
         """Return how the images near the limb differ from the mirrored plane, and where they can.
 
