@@ -18,7 +18,7 @@ from rig.messages.validation import validation_message
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 # A limit of 100 m is larger than any dome.
-_Millimetres = Annotated[float, Field(ge=-100_000, le=100_000)]
+_Millimetres = Annotated[float, Field(strict=True, ge=-100_000, le=100_000)]
 
 
 class Mounting(BaseModel):
@@ -137,15 +137,15 @@ class RigConfig(BaseModel):
     name: str = Field(min_length=1)
     driver: str = Field(min_length=1)
     leds: Annotated[int, Field(strict=True, ge=1, le=4096)] = 36
-    settle_ms: Annotated[float, Field(ge=0, le=1000)] = 2.0
+    settle_ms: Annotated[float, Field(strict=True, ge=0, le=1000)] = 2.0
     dead_leds: tuple[Annotated[int, Field(strict=True)], ...] = ()
     led_positions_mm: tuple[tuple[_Millimetres, _Millimetres, _Millimetres], ...] = ()
-    led_positions_sigma_mm: Annotated[float, Field(gt=0, le=1000)] = 10.0
+    led_positions_sigma_mm: Annotated[float, Field(strict=True, gt=0, le=1000)] = 10.0
     trigger: Literal["software", "board"] = "software"
-    exposure_active: bool = False
-    frame_period_ms: Annotated[float, Field(ge=0, le=60_000)] = 0.0
-    frame_timeout_s: Annotated[float, Field(gt=0, le=60)] = 2.0
-    reconnect_s: Annotated[float, Field(ge=0, le=3600)] = 30.0
+    exposure_active: Annotated[bool, Field(strict=True)] = False
+    frame_period_ms: Annotated[float, Field(strict=True, ge=0, le=60_000)] = 0.0
+    frame_timeout_s: Annotated[float, Field(strict=True, gt=0, le=60)] = 2.0
+    reconnect_s: Annotated[float, Field(strict=True, ge=0, le=3600)] = 30.0
     mounting: Mounting = Mounting()
     sensor: Path | None = None
     options: dict[str, Any] = {}
@@ -165,6 +165,10 @@ class RigConfig(BaseModel):
             )
         if len(set(self.led_positions_mm)) < len(self.led_positions_mm):
             raise ValueError("led_positions_mm has two LEDs at the same position")
+        if self.led_positions_mm and max(z for _, _, z in self.led_positions_mm) <= 0:
+            raise ValueError(
+                "led_positions_mm has no LED above the working plane: Z points to the camera"
+            )
         return self
 
 

@@ -1,5 +1,6 @@
 """Rig files, and rigs found by name."""
 
+import re
 from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
 
@@ -67,6 +68,10 @@ BAD_FILES = {
     "NaN": (WHOLE.replace("3.5", "nan"), "'settle_ms': .* finite"),
     "dead": (WHOLE.replace("9]", "24]"), "dead LED 24 is not one of 0 to 23"),
     "positions": (WHOLE.replace("[0.0, -5.0, 300.25], ", ""), "has 23 positions for 24"),
+    "all below": (re.sub(r"300\.25|300\.0", "-300.0", WHOLE), "no LED above the working plane"),
+    "number as text": (WHOLE.replace("3.5", '"3.5"'), "'settle_ms': .* valid number"),
+    "number as truth": (WHOLE.replace("3.5", "true"), "'settle_ms': .* valid number"),
+    "truth as text": (re.sub("(exposure_active =) true", r'\1 "no"', WHOLE), "valid boolean"),
     "trigger": (WHOLE.replace('"board"', '"line"'), "'trigger'"),
     "rotation": (WHOLE.replace("270", "45"), r"'mounting.rotation_deg'"),
     "mirror": (WHOLE.replace("mirror", "mirrored"), "unknown key 'mounting.mirrored'"),
