@@ -36,7 +36,7 @@ def at_the_prompt(rig, plan, out, act, typed_before=b""):
                 if "press Enter" in line:
                     act(process, mine)
                     break
-            _, message = process.communicate(timeout=30)
+            _, message = process.communicate(timeout=100)
         finally:
             process.kill()
             os.close(mine)
