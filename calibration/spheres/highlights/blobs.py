@@ -188,7 +188,7 @@ class UsualSize:
 
 
 def usual_size(radii_px: Float64, sigma_px: Float64) -> UsualSize | None:
-    """Return the usual size of highlights, or None if fewer than five are known.
+    """Return the usual size of highlights; None if fewer than five are known, or most are tiny.
 
     Parameters
     ----------
@@ -200,7 +200,9 @@ def usual_size(radii_px: Float64, sigma_px: Float64) -> UsualSize | None:
     """
     logs = 2 * np.log(radii_px)
     seen = np.isfinite(logs).any(axis=1)
-    if np.count_nonzero(seen) < _FEWEST:
+    # The pixels alone make smaller cores uneven.
+    least_px = (spot.PIXELS_PX2[0] / _NOT_ROUND) ** 0.5
+    if np.count_nonzero(seen) < _FEWEST or np.nanmedian(radii_px) < least_px:
         return None
     every = logs[np.isfinite(logs)]
     differ = np.abs(every[:, None, None] - logs)
@@ -221,5 +223,4 @@ def usual_size(radii_px: Float64, sigma_px: Float64) -> UsualSize | None:
 
 
 def _not_round(radii_px: Float64, sigma_px: Float64) -> Bool:
-    # The pixels alone make the contours of a small core scatter, and cores differ in size.
-    return ~(sigma_px <= np.hypot(_NOT_ROUND * radii_px, spot.PIXELS_PX2[0] / radii_px))
+    return ~(sigma_px <= _NOT_ROUND * radii_px)
