@@ -141,11 +141,6 @@ class NormalEquations:
         """Squared residual of normals and albedo alone."""
         return float(self._squares.sum())
 
-    def nuisance_sizes(self) -> Float64:
-        """Return ``(m,)`` the nuisances alone."""
-        variance = self.squares / self.samples
-        return self._solved(self.nuisances, self.widths, variance)[0]
-
     @cached_property
     def base(self) -> float:
         """Squared residual with the nuisances alone."""

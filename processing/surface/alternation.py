@@ -8,12 +8,10 @@ import numpy as np
 
 from processing.surface import jump_kernels as kernels
 from processing.surface.anchors import Anchors
-from processing.surface.grid_graph import apply_laplacian, divergence
 from processing.surface.jump_evidence import JumpEvidence
 from processing.surface.multigrid import solve
 from rig.arrays import Float32, Float64
 
-Edges = tuple[Float32, Float32, Float64, Float64]
 Pair = tuple[Float32, Float32]
 
 _ROUNDS = 15
@@ -100,7 +98,7 @@ class Alternation:
         ``(H+2, W+2)`` probabilities that edges are continuous, which multiply their weights.
     """
 
-    edges: Edges
+    edges: tuple[Float32, Float32, Float32, Float32]
     facing: Float32
     k: float
     scale: float = 1.0
@@ -130,12 +128,12 @@ class Alternation:
         even
             ``(H+2, W+2)`` additional factors of the weights in the first rounds.
         after
-            ``(H+2, W+2)`` surface to improve in the last rounds only.
+            ``(H+2, W+2)`` surface to improve in the last rounds only. It is changed.
         """
         right, down = edges = self.edges[:2]
-        u = np.zeros(right.shape) if self.start is None else self.start.copy()
-        if after is not None:
-            u = after.copy()
+        u = np.zeros(right.shape) if self.start is None else self.start
+        # The start serves several times.
+        u = u.copy() if after is None else after
         weights = np.zeros_like(right), np.zeros_like(down)
         last = self.continuity or (np.ones_like(right),) * 2
         first = last if even is None else (last[0] * even[0], last[1] * even[1])
@@ -175,6 +173,7 @@ class Alternation:
                     weights[axis][...] *= self.factors[axis]
             # What the solver does not need does not add to its memory.
             del shares, residuals
+            move = np.zeros(0)
             change = solve(
                 *weights,
                 self._imbalance(weights, u),
@@ -182,9 +181,10 @@ class Alternation:
                 tolerance=TOLERANCE,
                 max_iterations=_ITERATIONS,
             )
-            u += change.u
-            iterations += change.iterations
-            moved = self.scale * float(np.abs(change.u).sum()) / pixels
+            move, iterations = change.u, iterations + change.iterations
+            del change
+            u += move
+            moved = self.scale * float(np.abs(move).sum()) / pixels
             if moved < _STILL_PX and width <= final and late:
                 break
         norm, left = (
@@ -193,7 +193,7 @@ class Alternation:
         )
         relative = left / norm if norm else 0.0
         done = number + 1 - fresh
-        return Alternated(u, weights, done, iterations, relative, self.scale * change.u, width)
+        return Alternated(u, weights, done, iterations, relative, self.scale * move, width)
 
     def contradiction(self, u: Float64, evidence: JumpEvidence) -> float:
         """Return about the weight of the edges that a surface contradicts by half a pixel."""
@@ -220,13 +220,9 @@ class Alternation:
 
     def _imbalance(self, weights: Pair, u: Float64) -> Float64:
         """Return the right-hand side of the change that makes a surface fit the weighted edges."""
-        product = np.zeros_like(u)
-        apply_laplacian(*weights, u, product)
-        b = divergence(*weights, *self.edges[2:])
+        b = kernels.imbalance(*weights, *self.edges[2:], u)
         if self.held is not None:
-            b += self.held.load
-            self.held.add(u, product)
-        b -= product
+            b += self.held.weights * (self.held.target - u)
         return b
 
     def _residuals(self, u: Float64) -> Pair:

@@ -42,7 +42,7 @@ def label_parts(right: Float32, down: Float32) -> tuple[Int32, int]:
         Number of parts.
     """
     rows, columns = right.shape
-    parent = np.arange(rows * columns).astype(np.int32)
+    parent = np.arange(rows * columns, dtype=np.int32)
     for r in range(1, rows - 1):
         for c in range(1, columns - 1):
             node = r * columns + c

@@ -6,7 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from acquisition.files import MapRows, rows_in_bands
 from rig.arrays import Bool, Float32, Float64, Int32
+
+# Pixels of a band.
+_BAND = 1 << 20
 
 
 class Guesses(NamedTuple):
@@ -16,48 +20,56 @@ class Guesses(NamedTuple):
 
     Parameters
     ----------
-    pieces
-        ``(H, W)`` int32 number of the guessed piece of each pixel, from 0; -1 elsewhere.
+    of_piece
+        ``(N + 1,)`` int32 number of the guess, from 0, that each piece is; -1 for other pieces, and
+        at the end, for pixels without a piece.
     number
         Number of guessed pieces.
     share
         Their share of the pixels of all pieces.
     """
 
-    pieces: Int32
+    of_piece: Int32
     number: int
     share: float
 
     @classmethod
-    def of(cls, pieces: Int32, parts: Int32, known: Bool | None) -> Guesses:
+    def of(cls, pieces: Int32, parts: MapRows, known: Bool | None) -> Guesses:
         """Return the guesses among pieces.
 
         Parameters
         ----------
         pieces
-            ``(H, W)`` int32 pieces between jumps, -1 outside and at crumbs.
+            ``(H, W)`` int32 pieces between jumps, the largest first, -1 outside and at crumbs.
         parts
             ``(H, W)`` int32 number of the connected part of each pixel.
         known
             ``(H, W)`` bool, pixels whose heights are known from elsewhere.
         """
-        inside = pieces >= 0
-        numbers, first, sizes = np.unique(pieces[inside], return_index=True, return_counts=True)
-        part_of = parts[inside][first]
-        sure = np.zeros(len(numbers), bool)
-        if known is not None:
-            sure[np.isin(numbers, pieces[known & inside])] = True
-        bare = ~np.isin(part_of, part_of[sure])
-        _, largest = np.unique(part_of[bare], return_index=True)
-        sure[np.flatnonzero(bare)[largest]] = True
-        # The last one is that of pixels without a piece.
-        guessed = np.full(int(pieces.max(initial=-1)) + 2, -1, np.int32)
-        guessed[numbers[~sure]] = np.arange(np.count_nonzero(~sure))
-        share = float(sizes[~sure].sum() / max(sizes.sum(), 1))
-        return cls(guessed[pieces], int(np.count_nonzero(~sure)), share)
+        count = int(pieces.max(initial=-1)) + 1
+        sizes, part_of = np.zeros(count, np.int64), np.zeros(count, np.int32)
+        sure = np.zeros(count, bool)
+        for rows in rows_in_bands(len(pieces), pieces.shape[1], _BAND):
+            inside = pieces[rows] >= 0
+            own = pieces[rows][inside]
+            sizes += np.bincount(own, minlength=count)
+            part_of[own] = parts[rows][inside]
+            if known is not None:
+                sure[own[known[rows][inside]]] = True
+        numbers = np.flatnonzero(sizes)
+        bare = numbers[~np.isin(part_of[numbers], part_of[sure])]
+        sure[bare[np.unique(part_of[bare], return_index=True)[1]]] = True
+        guessed = np.flatnonzero((sizes > 0) & ~sure)
+        of_piece = np.full(count + 1, -1, np.int32)
+        of_piece[guessed] = np.arange(len(guessed))
+        return cls(of_piece, len(guessed), float(sizes[guessed].sum() / max(sizes.sum(), 1)))
 
     def sigma(
-        self, u: Float64, edges: tuple[Float32, Float32], steps: tuple[Float64, Float64]
+        self,
+        guesses: Int32,
+        u: Float64,
+        edges: tuple[Float32, Float32],
+        steps: tuple[Float64, Float64],
     ) -> Float64:
         """Return a standard deviation for the height of each guess.
 
@@ -66,12 +78,14 @@ class Guesses(NamedTuple):
 
         Parameters
         ----------
+        guesses
+            ``(H, W)`` int32 number of the guess of each pixel, -1 elsewhere.
         u
             ``(H+2, W+2)`` the surface.
         edges, steps
             ``(H+2, W+2)`` weights and steps of all edges, without regard to jumps.
         """
-        pieces = np.pad(self.pieces, 1, constant_values=-1).ravel()
+        pieces = np.pad(guesses, 1, constant_values=-1).ravel()
         squares, counts = np.zeros(self.number), np.zeros(self.number)
         for beside, edge, step in zip((1, u.shape[1]), edges, steps, strict=True):
             here = np.flatnonzero(edge)

@@ -214,7 +214,8 @@ def integrate(
         if jumps is not None:
             found_known = None if prior is None else prior.known[window]
             pieces = Guesses.of(jumps.pieces[window], parts[window], found_known)
-            guesses = pieces.pieces, pieces.sigma(solution.u, (right, down), own)
+            guessed = pieces.of_piece[jumps.pieces[window]]
+            guesses = guessed, pieces.sigma(guessed, solution.u, (right, down), own)
         uncertainty = simulate_errors(
             normals,
             inside,

@@ -67,7 +67,7 @@ class JumpEvidence(NamedTuple):
     order
         ``(H+2, W+2)`` float32 -1..1 weights against larger (positive) or smaller (negative) steps:
         where the surface jumps, the pixel whose normal leans towards the other hides what is
-        behind it.
+        behind it. Empty if it is not wanted.
     suspects
         Share of the edges that are suspect.
     noise_px
@@ -104,6 +104,8 @@ def jump_evidence(
     step_px: float,
     factors: Pair | None = None,
     rays: Float64 | None = None,
+    *,
+    ordered: bool = True,
 ) -> JumpEvidence:
     """Return what normals say about jumps.
 
@@ -119,6 +121,8 @@ def jump_evidence(
         ``(H+2, W+2)`` factors of the weights, from the deviations of the normals.
     rays
         ``(H, W, 3)`` directions of the pixels from the camera; None for an orthographic view.
+    ordered
+        Whether the order is wanted, which only votes on the heights of pieces.
     """
     known = edges if factors is None else (edges[0] * factors[0], edges[1] * factors[1])
     curls, spreads = _curls(known[0], known[1], steps[0], steps[1], step_px)
@@ -138,7 +142,9 @@ def jump_evidence(
         suspects += int(found.sum())
     count = int(np.count_nonzero(edges[0])) + int(np.count_nonzero(edges[1]))
     seen = np.zeros((0, 0, 3)) if rays is None else rays
-    order = _order(normals, seen, turns[0], 0), _order(normals, seen, turns[1], 1)
+    order = np.zeros((0, 0), np.float32), np.zeros((0, 0), np.float32)
+    if ordered:
+        order = _order(normals, seen, turns[0], 0), _order(normals, seen, turns[1], 1)
     return JumpEvidence(turns, witness, order, suspects / max(count, 1), noise_px)
 
 

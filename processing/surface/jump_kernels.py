@@ -124,7 +124,7 @@ def gated_weights(
 
 @numba.njit(parallel=True, cache=True)
 def residuals(
-    u: Float64, edges: Float32, steps: Float64, vertical: int, scale: float, out: Float32
+    u: Float64, edges: Float32, steps: Float32, vertical: int, scale: float, out: Float32
 ) -> None:
     """Write by how much the surface differs from the step of each edge, 0 without an edge.
 
@@ -140,11 +140,32 @@ def residuals(
 
 
 @numba.njit(parallel=True, cache=True)
+def imbalance(
+    right: Float32, down: Float32, to_right: Float32, to_down: Float32, u: Float64
+) -> Float64:
+    """Return the right-hand side of the change of a surface that fits the weighted edges better.
+
+    It is that of `processing.surface.grid_graph.divergence` for what the edges lack.
+    """
+    rows, columns = u.shape
+    out = np.zeros((rows, columns), np.float64)
+    for r in numba.prange(1, rows - 1):
+        for c in range(1, columns - 1):
+            here = u[r, c]
+            total = right[r, c - 1] * (u[r, c - 1] + to_right[r, c - 1] - here)
+            total -= right[r, c] * (here + to_right[r, c] - u[r, c + 1])
+            total += down[r - 1, c] * (u[r - 1, c] + to_down[r - 1, c] - here)
+            total -= down[r, c] * (here + to_down[r, c] - u[r + 1, c])
+            out[r, c] = total
+    return out
+
+
+@numba.njit(parallel=True, cache=True)
 def contradiction(
     u: Float64,
     witness: Float32,
     order: Float32,
-    steps: Float64,
+    steps: Float32,
     vertical: int,
     scale: float,
 ) -> Float64:
@@ -161,7 +182,7 @@ def contradiction(
     order
         ``(H+2, W+2)`` float32 weights against positive residuals; negative: against negative ones.
     steps
-        ``(H+2, W+2)`` float64 steps along the edges.
+        ``(H+2, W+2)`` float32 steps along the edges.
     vertical
         1 for edges that point down, 0 for edges to the right.
     scale

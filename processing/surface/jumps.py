@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from processing.surface.alternation import TOLERANCE, Alternated, Alternation, Edges
+from processing.surface.alternation import TOLERANCE, Alternated, Alternation
 from processing.surface.anchors import Anchors
 from processing.surface.chord_rule import ChordRule
 from processing.surface.grid_graph import label_parts
@@ -153,7 +153,7 @@ class JumpProblem:
         normals: Float32,
         mask: Bool,
         chords: ChordRule,
-        edges: Edges,
+        edges: tuple[Float32, Float32, Float64, Float64],
         *,
         k: float,
         factors: Pair | None = None,
@@ -176,7 +176,13 @@ class JumpProblem:
         """
         right, down, *steps = edges
         evidence = jump_evidence(
-            normals, (right, down), (steps[0], steps[1]), chords.step_px, factors, chords.rays
+            normals,
+            (right, down),
+            (steps[0], steps[1]),
+            chords.step_px,
+            factors,
+            chords.rays,
+            ordered=mask.size <= _LARGEST_SEARCH,
         )
         if evidence.suspects < least:
             return None
@@ -184,7 +190,7 @@ class JumpProblem:
         own = steps[0].copy(), steps[1].copy()
         chords.correct(normals, evidence.sure((right, down)), own)
         alternation = Alternation(
-            (right, down, *own),
+            (right, down, own[0].astype(np.float32), own[1].astype(np.float32)),
             chords.facing(normals, mask),
             k,
             chords.step_px,
@@ -226,8 +232,9 @@ class JumpProblem:
         converged = found.relative_residual <= TOLERANCE
         solution = Solution(found.u, iterations, found.relative_residual, converged=converged)
         moves = found.moved[self.alternation.facing != 0]
-        within = np.abs(moves - np.median(moves)) if moves.size else np.zeros(1)
-        last_change = float(np.quantile(within, _SETTLED_QUANTILE))
+        moves = np.abs(moves - np.median(moves)) if moves.size else np.zeros(1)
+        last_change = float(np.quantile(moves, _SETTLED_QUANTILE))
+        del moves
         jumps = Jumps(
             *self.judged(found.u), found.rounds, last_change, settled=last_change < _SETTLED_PX
         )
@@ -251,7 +258,7 @@ class JumpProblem:
     def judged(self, u: Float64) -> tuple[Bool, Bool, Float32, Int32]:
         """Return the jumps to the right and down, the doubt and the pieces of a surface."""
         problem = self.alternation
-        return _judged(problem.scale * u, problem.edges[:2], problem.trust(u))
+        return _judged(u, _JUMP_PX / problem.scale, problem.edges[:2], problem.trust(u))
 
     def _searched(self) -> tuple[Alternated, int]:
         """Find pieces and place them, several times with resampled evidence, and once with all.
@@ -401,10 +408,8 @@ def _sums(values: AnyArray, cell: int = 2) -> AnyArray:
     return sums
 
 
-def _judged(
-    u: Float64, edges: tuple[Float32, Float32], trust: tuple[Float32, Float32]
-) -> tuple[Bool, Bool, Float32, Int32]:
-    """Find jumps, doubt and pieces of a surface in pixels from the trust between neighbours."""
+def _judged(u: Float64, jump: float, edges: Pair, trust: Pair) -> tuple[Bool, Bool, Float32, Int32]:
+    """Find jumps above a height, doubt and pieces; the trust is changed."""
     inner = slice(1, -1), slice(1, -1)
     linked = (edges[0] > 0) | (edges[1] > 0)
     linked[:, 1:] |= edges[0][:, :-1] > 0
@@ -414,16 +419,17 @@ def _judged(
     for axis, (edge, confidence) in enumerate(zip(edges, trust, strict=True)):
         here, there = (np.s_[:, :-1], np.s_[:, 1:]) if axis == 0 else (np.s_[:-1], np.s_[1:])
         # Of pixels without an edge between them, the normals are opposed, or grazing.
-        steep = np.abs(u[there] - u[here]) > _JUMP_PX
-        jump = np.zeros(u.shape, bool)
-        jump[here] = steep & linked[here] & linked[there] & (confidence[here] < _JUMP_TRUST)
-        jumps.append(jump[inner])
+        steep = np.abs(u[there] - u[here]) > jump
+        jumped = np.zeros(u.shape, bool)
+        jumped[here] = steep & linked[here] & linked[there] & (confidence[here] < _JUMP_TRUST)
+        jumps.append(jumped[inner])
         little = np.where(edge[here] > 0, 1 - confidence[here], 0)
         np.maximum(doubt[here], little, out=doubt[here])
         np.maximum(doubt[there], little, out=doubt[there])
     doubt[~linked] = np.nan
-    held = [np.where(confidence > _PIECE_TRUST, confidence, 0) for confidence in trust]
-    labels, count = label_parts(*held)
+    for confidence in trust:
+        confidence[confidence <= _PIECE_TRUST] = 0
+    labels, count = label_parts(*trust)
     pieces = _largest_first(labels[inner], count, int(np.count_nonzero(linked)))
     return jumps[0], jumps[1], doubt[inner].copy(), pieces
 

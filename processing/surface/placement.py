@@ -23,7 +23,7 @@ _CRUMB = 30
 
 def placed(
     u: Float64,
-    steps: tuple[Float64, Float64],
+    steps: tuple[Float32, Float32],
     evidence: JumpEvidence,
     trust: Pair,
     width: float,
@@ -129,7 +129,7 @@ def _joined(a: Int32, b: Int32, sizes: Int64) -> Int32:
 
 
 def _votes(
-    pieces: Int32, u: Float64, witness: Float32, order: Float32, steps: Float64, axis: int
+    pieces: Int32, u: Float64, witness: Float32, order: Float32, steps: Float32, axis: int
 ) -> Votes:
     """Return the votes of the edges between pieces of a surface in pixels."""
     beside = pieces.shape[1] if axis else 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from acquisition.files import MapRows
 from processing.surface.guesses import Guesses
 from processing.surface.jumps import Jumps
 from processing.surface.multigrid import Solution
@@ -32,7 +33,7 @@ def doubts_of_parts(
     return [*parts_notices(count, isolated, held), *doubts_of_jumps(jumps, parts, known)]
 
 
-def doubts_of_jumps(jumps: Jumps | None, parts: Int32, known: Bool | None = None) -> list[Notice]:
+def doubts_of_jumps(jumps: Jumps | None, parts: MapRows, known: Bool | None = None) -> list[Notice]:
     """Return notices about heights across jumps; parameters as for `doubts_of_parts`."""
     if jumps is None:
         return []

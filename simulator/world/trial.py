@@ -129,7 +129,7 @@ class Trial:
     def run(self) -> Outcome:
         """Record until the session is complete; return what was found."""
         programs = 0
-        state = self._state()
+        state = SessionState.read(self.session)
         kernel_threads = numba.get_num_threads()
         numba.set_num_threads(1)  # starting threads takes longer than a small frame
         try:
@@ -141,7 +141,7 @@ class Trial:
                     ended = self.world.run(f"program {programs}", self._program(before))
                 with self._timed("checks of light and files"):
                     self._check_end(ended)
-                    state = self._state()
+                    state = SessionState.read(self.session)
                     self._check_disk(before, state, ended)
                 with self._timed("verify"):
                     if state.lines:
@@ -177,9 +177,6 @@ class Trial:
     def _note(self, violation: str) -> None:
         self.world.say(f"VIOLATION {violation}")
         self._found.append(violation)
-
-    def _state(self) -> SessionState:
-        return SessionState.read(self.session)
 
     def _program(self, state: SessionState) -> Callable[[], object]:
         """Return what the operator starts now."""

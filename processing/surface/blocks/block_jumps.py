@@ -67,8 +67,9 @@ class CoarseJumps(NamedTuple):
         """Return the pieces in the image, -1 outside."""
         rows, columns = inside.shape
         cell = self.surface.cell
-        wide = self.pieces.repeat(cell, axis=0).repeat(cell, axis=1)[:rows, :columns]
-        return np.where(inside, wide, np.int32(-1))
+        wide = self.pieces.repeat(cell, axis=0)[:rows].repeat(cell, axis=1)[:, :columns]
+        wide[~inside] = -1
+        return wide
 
 
 def coarse_jumps(

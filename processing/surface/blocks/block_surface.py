@@ -126,7 +126,7 @@ def integrate_in_blocks(
     error = solved.rounds.error * (scale.distance or scale.pixel_size)
     notices = [
         *parts_notices(len(solved.means), int(np.count_nonzero(mask)) - pixels),
-        *([] if solved.jumps is None else doubts_of_jumps(solved.jumps, solved.parts[:])),
+        *([] if solved.jumps is None else doubts_of_jumps(solved.jumps, solved.parts)),
         *doubts_of_solution(solved.worst),
         *consistency_warning(angles, shape, smooth=solved.jumps is None),
     ]

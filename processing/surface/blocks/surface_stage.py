@@ -18,9 +18,9 @@ _FIXED = 42_000_000
 # Bytes per pixel of a surface that is solved as a whole; additional ones with a camera, and with
 # deviations of the normals.
 _WHOLE, _CAMERA, _SIGMA = 70, 45, 33
-# Additional ones if jumps are looked for, of the whole or of the largest block, and bytes of the
-# search in large pixels.
-_JUMPS, _SEARCH = 105, 240_000_000
+# Additional ones if jumps are looked for, of the whole or of the largest block; bytes of the search
+# in large pixels; bytes per pixel of the maps of jumps.
+_JUMPS, _SEARCH, _JUMP_MAPS = 55, 170_000_000, 15
 # Bytes per pixel of the largest block, of the rows that two blocks share, and of the map.
 _BLOCK, _SHARED, _MASKS = 82, 48, 2
 # Interpreter, libraries and bands of rows that are written.
@@ -108,7 +108,7 @@ class SurfaceStage:
         solving = width * (largest * (_BLOCK + given) + shared * _SHARED + height * _MASKS)
         # Its pixels have four of the map or more.
         search = min(_SEARCH, height * width // 4 * (_WHOLE + given))
-        return _FIXED + max(solving, self.jumps * search)
+        return _FIXED + max(solving, self.jumps * max(search, _JUMP_MAPS * height * width))
 
     def _in_blocks(self, size: Size) -> dict[int, int]:
         """Return the bytes for each number of rows of a block."""
