@@ -13,7 +13,6 @@ import rig
 from processing.registration import Field
 from rig.arrays import Float32
 from sgp.cli.exit import UsageError
-from sgp.cli.options import Green
 from sgp.results import ResultRecord
 from sgp.stages.maps import MapInput
 from sgp.stages.result_source import NormalsResult, find_normals, open_source_of
@@ -47,12 +46,13 @@ class FieldInput:
     notices: list[rig.Notice]
 
 
-def read_field(path: Path, green: Green, *, pixel_mm: float | None, max_pixels: int) -> FieldInput:
+def read_field(given: MapInput, pixel_mm: float | None) -> FieldInput:
     """Read the normals of a result, and its albedo and error bars if there are any.
 
     ``pixel_mm`` replaces the scale of the recording.
     """
-    read = MapInput(path, green, max_pixels=max_pixels).read()
+    read = given.read()
+    path, max_pixels = given.path, given.max_pixels
     folder, mask = read.files[0].parent, read.normal_map.mask
     files, notices = list(read.files), list(read.warnings)
     albedo: Float32 | None = None

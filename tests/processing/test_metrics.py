@@ -72,7 +72,7 @@ def test_maps_of_different_sizes_are_refused(call):
 
 def test_a_mask_of_another_size_is_refused():
     for measure in (angular_error, ssim):
-        with pytest.raises(DataError, match="does not fit"):
+        with pytest.raises(DataError, match="mask must be bool of shape"):
             measure(_bumpy(0), _bumpy(1), np.ones((3, 3), bool))
     with pytest.raises(DataError, match="empty"):
         ssim(_bumpy(0), _bumpy(1), np.zeros((40, 50), bool))

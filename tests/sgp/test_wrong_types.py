@@ -40,6 +40,10 @@ CASES = {
         lambda: processing.photometric_stereo(BYTES.astype(float), np.eye(3), MASK),
         r"lights must be a Lights, not a ndarray: Lights\(directions\)",
     ),
+    "vectors of an image": (
+        lambda: NormalMap.from_vectors(BYTES.reshape(20, 20, 3)),
+        r"from -1 to 1, not uint8, which encodes them: read_normals\(path\)",
+    ),
     "mask of raw values": (lambda: processing.maps.object_mask(BYTES), f"values {RAW}"),
     "spheres in raw values": (lambda: calibration.calibrate_spheres(BYTES), f"stack {RAW}"),
     "raw card": (lambda: calibration.MatteSurface(BYTES, FACING, MASK), RAW),
