@@ -31,9 +31,9 @@ class FieldInput:
         Size of a pixel on the object; None if it is not known.
     blur_px
         Standard deviation of the blur of the lens; None if it is not known.
-    images
-        Hashes of the images or of the session that the field was computed from; empty if they are
-        not known.
+    sources
+        Hashes of the files of the recording that the field was computed from, such as its images;
+        empty if they are not known.
     files, notices
         The files, and notices about them.
     """
@@ -41,7 +41,7 @@ class FieldInput:
     field: Field
     pixel_mm: float | None
     blur_px: float | None
-    images: frozenset[str]
+    sources: frozenset[str]
     files: list[Path]
     notices: list[rig.Notice]
 
@@ -78,7 +78,7 @@ def read_field(given: MapInput, pixel_mm: float | None) -> FieldInput:
         field,
         pixel_mm or _pixel_mm(path, found, max_pixels),
         float(blur) if isinstance(blur, (int, float)) else None,
-        _images(found.record),
+        _sources(found.record),
         files,
         notices,
     )
@@ -95,7 +95,7 @@ def _pixel_mm(path: Path, found: NormalsResult, max_pixels: int) -> float | None
     return size if unit == "mm" else None
 
 
-def _images(record: ResultRecord) -> frozenset[str]:
+def _sources(record: ResultRecord) -> frozenset[str]:
     source = Path(str(record.parameters.get("source")))
     return frozenset(
         digest
