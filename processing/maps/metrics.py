@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numba
 import numpy as np
@@ -169,7 +169,7 @@ def ssim(
     Raises
     ------
     DataError
-        If the sizes differ or the mask is empty.
+        If the sizes differ, the mask is empty, or the protocol is not known.
 
     Examples
     --------
@@ -183,6 +183,8 @@ def ssim(
     """
     check_normal_map("a", a)
     check_normal_map("b", b)
+    if protocol not in get_args(Protocol):
+        raise DataError(f"{protocol!r} is not a protocol: use {' or '.join(get_args(Protocol))}")
     _check_sizes(a, b)
     counted = a.mask | b.mask if mask is None else check_mask("mask", mask, a.size)
     if not counted.any():

@@ -88,6 +88,8 @@ def normals_of_frames(
     ((90, 200, 3), array([0. , 0.6, 0.8], dtype=float32))
     """
     check_type("lights", lights, Lights, "Lights(directions)")
+    if isinstance(frames, np.ma.MaskedArray):
+        raise TypeError("frames must not be a masked array: frames.filled(saturation) is none")
     frames, dark = np.asarray(frames), np.asarray(dark, np.float32)
     name = method_name(method)
     _check(frames, lights, dark, saturation)
@@ -96,6 +98,7 @@ def normals_of_frames(
     part = frames[:, rows, columns]
     shape = part.shape[1:]
     maps = StereoMaps.empty(shape) if out is None else out
+    check_type("out", maps, StereoMaps, "StereoMaps.empty((rows, columns))")
     maps.check(shape)
     if mask is not None:
         mask = check_mask("mask", mask, frames.shape[1:])[rows, columns]

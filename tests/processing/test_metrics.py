@@ -111,6 +111,11 @@ def test_the_papers_protocol_counts_the_background_as_z():
     assert figure == pytest.approx(_reference_ssim(x, y, 0.01, 0.03))
 
 
+def test_an_unknown_protocol_is_refused():
+    with pytest.raises(DataError, match="'Paper' is not a protocol: use masked or paper"):
+        ssim(_bumpy(0), _bumpy(1), protocol="Paper")
+
+
 @pytest.mark.parametrize("protocol", ["masked", "paper"])
 def test_equal_maps_are_fully_similar_even_when_tiny(protocol):
     for size in ((40, 50), (1, 1), (3, 2)):
