@@ -88,8 +88,7 @@ def _pixel_mm(path: Path, found: NormalsResult, max_pixels: int) -> float | None
     """Return the size of a pixel, None if it is not known."""
     opened = open_source_of(path, found, max_pixels)
     if opened is None:
-        named = found.record.parameters.get("pixel_mm")
-        return float(named) if isinstance(named, (int, float)) else None
+        return found.pixel_mm()
     recording, stated = opened
     unit, size = processing.surface.surface_scale(recording.source.camera, stated)
     return size if unit == "mm" else None
