@@ -5,6 +5,8 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import pytest
+
 # Libraries are imported before the platform changes: they choose their files by it.
 WINDOWS = """
 import importlib, multiprocessing.connection, os, pkgutil, sys, types
@@ -31,6 +33,7 @@ for package in ("acquisition", "calibration", "processing", "sgp"):
 """
 
 
+@pytest.mark.slow
 def test_only_recording_needs_a_serial_port() -> None:
     command = [sys.executable, "-P", "-c", WINDOWS]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)

@@ -79,6 +79,7 @@ class Disk:
         self._changes: list[_Change] = []
         self._open: dict[int, tuple[_Node, os.stat_result, object]] = {}
         self.faults: dict[DiskFault, float] = {}
+        self.replaced: list[str] = []  # files of frames that are another frame now
 
     def repair(self) -> bool:
         """End all faults; return whether the disk was full, or nearly so."""
@@ -142,7 +143,9 @@ class Disk:
         self._step(f"rename to {Path(target).name}")
         self._refuse(target)
         os.replace(path, target)
-        node = self._node(path)
+        node, other = self._node(path), self._node(target)
+        if node and other and Path(target).parent.name == "frames":
+            self.replaced.append(Path(target).name)
         if node is not None:
             self._change((path, None), (target, node))
 

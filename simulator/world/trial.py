@@ -7,9 +7,10 @@ import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 import numba
@@ -223,16 +224,16 @@ class Trial:
         """Take the missing shots without the loop of a recording, and reject some of them."""
         with SessionWriter.reopen(self.session) as writer, self.world.open_rig() as rig:
             writer.write_event("second", operator="other")
-            for planned in writer.missing:
+            for planned in chain.from_iterable(writer.missing for _ in range(2)):
                 shot = rig.shoot(planned.led, planned.exposure_us or 0.0)
                 pixels = shot.frame.pixels
                 echo = None if shot.echo is None else Echo(**asdict(shot.echo))
-                quality = writer.measure(planned, pixels)
                 keeps = self.world.scheduler.random.random() < _KEPT
-                if keeps and led_of(pixels, self._black) == planned.led:
-                    self._safe(writer.write_frame(planned, pixels, echo=echo, quality=quality))
-                else:
-                    writer.write_frame(planned, pixels, echo=echo, status="rejected")
+                with suppress(StorageError):  # the second time the disk may accept it
+                    if keeps and led_of(pixels, self._black) == planned.led:
+                        self._safe(writer.write_frame(planned, pixels, echo=echo))
+                    else:
+                        writer.write_frame(planned, pixels, echo=echo, status="rejected")
             writer.complete()
 
     def _check_end(self, ended: Program) -> None:
@@ -245,9 +246,8 @@ class Trial:
         if ended.killed or error is not None:
             dark_ns += _DARK_AFTER_NS
         world.settle(_SETTLES_S)
-        for text in lit_after(world.board.history.lit, dark_ns):
-            self._note(f"{ended.name}: {text}")
-        for text in badly_lit(world.shots, world.board.history.lit):
+        lit = world.board.history.lit
+        for text in (*lit_after(lit, dark_ns), *badly_lit(world.shots, lit)):
             self._note(f"{ended.name}: {text}")
         world.shots.clear()
 
@@ -257,6 +257,7 @@ class Trial:
             *misplaced(now),
             *wrong_frames(self.session, now, self._black),
             *self._unexpected(before, now),
+            *(f"{name} replaced another frame" for name in self.world.disk.replaced),
         )
         for text in texts:
             self._note(f"{ended.name}: {text}")
@@ -299,8 +300,7 @@ class Trial:
             )
         if said.complete != now.complete:
             self._note(f"{ended.name}: verify says complete = {said.complete}")
-        planned = {shot.key for shot in self._plan.shots()}
-        missing = len(planned) - len(now.taken)
+        missing = len({shot.key for shot in self._plan.shots()}) - len(now.taken)
         if len(said.missing) != missing:
             self._note(f"{ended.name}: verify misses {len(said.missing)} shots, it is {missing}")
         if now.complete and missing:

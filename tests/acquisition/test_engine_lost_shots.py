@@ -117,7 +117,7 @@ def test_the_journal_has_the_order_of_the_plan(
 
     def uneven(path: Path, pixels: UInt16) -> Any:
         if path.name.startswith("D_200us"):
-            assert second_is_there.wait(20)
+            assert second_is_there.wait(60)
         stored = real(path, pixels)
         second_is_there.set()
         return stored

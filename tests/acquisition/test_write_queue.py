@@ -52,7 +52,7 @@ def test_results_have_the_order_of_the_jobs(queue: WriteQueue[int]) -> None:
 
 
 def test_jobs_run_in_parallel(queue: WriteQueue[int]) -> None:
-    together = threading.Barrier(2, timeout=10)
+    together = threading.Barrier(2, timeout=60)
 
     def job(turn: Turn) -> int:
         together.wait()
@@ -68,7 +68,7 @@ def test_the_queue_is_full_until_half_of_its_room_is_free(queue: WriteQueue[int]
     gate = threading.Event()
 
     def job(turn: Turn) -> int:
-        assert gate.wait(10)
+        assert gate.wait(60)
         turn()
         return 1
 
@@ -108,7 +108,7 @@ def test_nothing_is_written_after_a_job_that_failed(queue: WriteQueue[int]) -> N
     written: list[int] = []
 
     def first(turn: Turn) -> int:
-        assert second_waits.wait(10)
+        assert second_waits.wait(60)
         raise StorageError("disk full")
 
     def second(turn: Turn) -> int:
@@ -160,7 +160,7 @@ def test_the_end_discards_waiting_jobs(queue: WriteQueue[int]) -> None:
 
     def job(number: int, turn: Turn) -> int:
         started.append(number)
-        assert gate.wait(10)
+        assert gate.wait(60)
         turn()
         return number
 
@@ -177,7 +177,7 @@ def test_the_end_discards_waiting_jobs(queue: WriteQueue[int]) -> None:
 def test_jobs_before_a_failure_finish(failing: int) -> None:
     """Jobs before the failed one finish in order; their results are returned before its error."""
     queue: WriteQueue[int] = WriteQueue(FOLDER, room=4, threads=3, stall_s=20)
-    failed, all_started = threading.Event(), threading.Barrier(3, timeout=20)
+    failed, all_started = threading.Event(), threading.Barrier(3, timeout=60)
     written: list[int] = []
 
     def job(number: int, turn: Turn) -> int:
@@ -185,7 +185,7 @@ def test_jobs_before_a_failure_finish(failing: int) -> None:
         if number == failing:
             failed.set()
             raise StorageError("disk full")
-        assert failed.wait(20)
+        assert failed.wait(60)
         # The later jobs ask for their turn first; the failure must be recorded by then.
         time.sleep(0.1 if number else 0.3)
         turn()

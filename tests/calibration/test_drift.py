@@ -55,6 +55,7 @@ def test_a_camera_that_stands_still_is_not_followed(images: UInt16) -> None:
     np.testing.assert_array_equal(followed.lights.directions, plain.lights.directions)
 
 
+@pytest.mark.slow
 def test_an_image_without_the_sphere_is_left_out(images: UInt16) -> None:
     shifts = drifting()
     shifts[7] = -45, 0
@@ -73,6 +74,7 @@ def test_too_many_images_without_the_sphere_are_refused(images: UInt16) -> None:
         calibrated(images, shifts)
 
 
+@pytest.mark.slow
 def test_the_source_gets_the_shifts(images: UInt16, tmp_path: Path) -> None:
     for name, image in zip(EVERY, stack_of(images, drifting()), strict=True):
         write_png(tmp_path / f"{name}.png", np.rint(65535 * image).astype(np.uint16))

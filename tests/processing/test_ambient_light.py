@@ -9,6 +9,7 @@ from processing import reconstruct
 from processing.images.viewing_rays import Parallel
 from processing.series.ambient_light import find_ambient_light
 from tests.cases import cases
+from tests.quick_sample import quick
 
 SIZE = (40, 42)
 VIEW = Parallel(1.4, SIZE, ((SIZE[1] - 1) / 2, (SIZE[0] - 1) / 2))
@@ -47,7 +48,7 @@ def divided(lights, level):
 
 @cases(
     "level",
-    {"dark": 0.0, "weak": pytest.param(0.03, marks=pytest.mark.slow), "strong": 0.3},
+    dict(zip(("dark", "weak", "strong"), quick([0.0, 0.03, 0.3], every=3), strict=True)),
 )
 def test_the_level_is_within_its_deviation(level):
     found = find_ambient_light(divided(DOME, level), DOME, MASK, VIEW)
@@ -70,10 +71,8 @@ def test_lights_that_do_not_determine_it_are_refused(lights, error, text):
         find_ambient_light(values, lights, MASK, VIEW)
 
 
-@cases(
-    "channel",
-    {"gray": "gray", "one solution per channel": pytest.param("rgb", marks=pytest.mark.slow)},
-)
+@pytest.mark.slow
+@cases("channel", {"gray": "gray", "one solution per channel": "rgb"})
 def test_normals_are_those_of_a_dark_room(tmp_path, channel):
     colour = channel == "rgb"
 

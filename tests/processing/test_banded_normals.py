@@ -29,6 +29,7 @@ def arrays(result: Reconstruction) -> dict[str, Any]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("distant", "law", "rows_of_sample"),
     [

@@ -132,6 +132,7 @@ def test_deviations_of_normals_count(tmp_path):
         assert plain.extremes != found.extremes
 
 
+@pytest.mark.slow
 def test_jumps_cross_the_borders_of_blocks(tmp_path):
     normal_map, truth = horn(240)
     whole = integrate(normal_map)

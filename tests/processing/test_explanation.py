@@ -15,7 +15,7 @@ from processing import reconstruct
 from processing.checks import Verdict
 from processing.recording.pipeline import AmbientChoice
 from rig.arrays import Float64
-from tests.cases import cases
+from tests.quick_sample import quick
 
 HEIGHT, WIDTH = 84, 96
 ABOVE_MM = 450.0
@@ -162,7 +162,7 @@ def _(r: Recording) -> None:
     )
 
 
-@cases("name", {name: name for name in CHANGES})
+@pytest.mark.parametrize("name", quick(CHANGES, every=5))
 def test_the_cause_is_named(name: str, tmp_path: Path) -> None:
     recording = Recording()
     CHANGES[name](recording)
@@ -172,6 +172,7 @@ def test_the_cause_is_named(name: str, tmp_path: Path) -> None:
     assert name in found
 
 
+@pytest.mark.slow
 def test_a_thin_object_and_images_without_noise_have_a_verdict(tmp_path: Path) -> None:
     recording = Recording()
     recording.images = np.full_like(recording.images, 0.3)
@@ -194,7 +195,7 @@ def test_sizes_are_those_of_the_truth(tmp_path: Path) -> None:
     assert cause.normals_deg > 1
 
 
-@pytest.mark.parametrize("seed", range(20, 24))
+@pytest.mark.parametrize("seed", quick(range(20, 24), every=4))
 def test_nothing_is_named_without_a_cause(seed: int, tmp_path: Path) -> None:
     verdict = verdict_of(Recording(seed), str(tmp_path))
     assert verdict.answer == "good"

@@ -17,6 +17,7 @@ from processing import NormalMap
 from processing.registration import Field, PlaneModel, Registration, register_fields
 from rig.arrays import Float64
 from tests.cases import cases
+from tests.quick_sample import quick
 
 SIZE = (200, 240)
 WAVES = 150
@@ -116,7 +117,7 @@ PERSPECTIVE = turned(10) @ np.array([[1, 0.01, 0], [0, 1.02, 0], [5e-5, -4e-5, 1
         "half of the field": (shift(120, 3), "rigid"),
     },
 )
-@pytest.mark.parametrize("paint", [True, False], ids=["paint", "bare"])
+@pytest.mark.parametrize("paint", quick([True, False], every=2), ids=["paint", "bare"])
 def test_a_placement_is_found(place: Float64, model: PlaneModel, paint: bool) -> None:
     first, second = field_at(np.eye(3), paint=paint), field_at(place, paint=paint)
     found = register_fields(first, second, model=model, drift=True)

@@ -19,6 +19,7 @@ from processing.recording import AlignChoice
 from processing.registration import find_image_shifts
 from rig.arrays import Bool, Float32, Float64
 from tests.cases import cases
+from tests.quick_sample import quick
 
 COUNT = 8
 SIDE = 124
@@ -72,7 +73,7 @@ def drawn(most: float, seed: int) -> Float64:
 
 
 @cases("most", {"none": 0.0, "small": 0.3, "usual": 3.0, "large": 8.0})
-@pytest.mark.parametrize("painted", [True, False])
+@pytest.mark.parametrize("painted", quick([True, False], every=2))
 def test_shifts_are_found_to_hundredths_of_a_pixel(most: float, painted: bool) -> None:
     images, _, mask = relief(painted=painted)
     rng = np.random.default_rng(8)
@@ -95,7 +96,7 @@ def test_a_first_look_at_images_that_stand_still_is_enough() -> None:
     assert np.allclose(found.shifts_px[2], (0.4, 0.0), atol=0.03)
 
 
-@pytest.mark.parametrize("bump", [1.0, 4.0, 6.0])
+@pytest.mark.parametrize("bump", quick([1.0, 4.0, 6.0], every=3))
 def test_a_first_look_sees_bumps_of_every_size(bump: float) -> None:
     """Half of the images are bumped; their structure is between the finest and coarsest scale."""
     rng = np.random.default_rng(5)

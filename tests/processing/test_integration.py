@@ -8,6 +8,7 @@ from acquisition import CameraModel, DataError
 from calibration import EstimateError
 from processing import HeightMap, NormalMap, integrate
 from rig.arrays import Float64
+from tests.quick_sample import quick
 from tests.real_data import DATA, needs_data
 
 
@@ -240,7 +241,7 @@ LIMITS_MM = {"bear": 1.2, "cow": 0.89}
 
 
 @needs_data
-@pytest.mark.parametrize("name", LIMITS_MM)
+@pytest.mark.parametrize("name", quick(LIMITS_MM, every=2))
 def test_real_depth(name: str) -> None:
     folder = DATA / "normals" / "diligent" / name
     image = cv2.imread(str(folder / "normal_map.png"), cv2.IMREAD_UNCHANGED)

@@ -85,6 +85,7 @@ def errors(
     return off[0], off[1], made[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("near", [False, True])
 def test_a_bowl(tmp_path: Path, near: bool) -> None:
     directions = dome(24)

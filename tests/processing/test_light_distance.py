@@ -63,6 +63,7 @@ def test_the_distance_is_within_its_deviation(distance, mu):
     assert found.distance_mm == pytest.approx(distance, abs=2 * found.sigma_mm)
 
 
+@pytest.mark.slow
 def test_distant_lights_have_no_distance():
     with pytest.raises(
         EstimateError, match="or at any larger distance; measure and state"

@@ -8,7 +8,6 @@ import pytest
 
 from processing.surface import SurfaceStage
 
-SIZES = [(1000, 1000), (2236, 2236)]
 MEASURE = """
 import sys
 from pathlib import Path
@@ -58,8 +57,9 @@ print(peak((height, width), "large", rows))
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="peaks of memory are read from /proc")
 @pytest.mark.parametrize("jumps", [False, True], ids=["smooth", "jumps"])
-@pytest.mark.parametrize(("rows", "camera"), [(None, False), (256, True)])
-@pytest.mark.parametrize("size", SIZES, ids=str)
+@pytest.mark.parametrize(
+    ("size", "rows", "camera"), [((1000, 1000), None, False), ((2236, 2236), 256, True)]
+)
 def test_estimates_are_above_the_measured_peak(tmp_path, size, rows, camera, jumps):
     # The first process compiles kernels that are in no cache: its memory for that would be reused.
     for each in ((128, 96), size):

@@ -65,7 +65,7 @@ def test_all_ports_are_queried_at_the_same_time():
             heard.add(number)
             if len(heard) == 3:
                 all_asked.set()
-            return says(line) if all_asked.wait(20) else b""
+            return says(line) if all_asked.wait(60) else b""
 
         return device(answer)
 

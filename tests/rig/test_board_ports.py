@@ -147,7 +147,7 @@ def test_darken_discards_unsent_data():
         lines.append(line)
         if b" ON " in line:
             # It is busy, so it does not read.
-            assert reads.wait(20)
+            assert reads.wait(60)
         return saying(*IDENTITY)(line)
 
     with device(answer) as port:

@@ -69,7 +69,7 @@ def start(body, *benches):
 def end(host):
     """Return the exit code, output and errors of a program that should have ended by now."""
     try:
-        out, err = host.communicate(timeout=20)
+        out, err = host.communicate(timeout=100)
     finally:
         host.kill()
         host.wait()

@@ -241,7 +241,7 @@ def test_a_second_signal_ends_the_process_now():
             time.sleep(0.07)
             if process.poll() is not None:
                 break
-        assert process.wait(10) == -signal.SIGTERM
+        assert process.wait(60) == -signal.SIGTERM
         assert process.stderr.read() == b""
     finally:
         process.kill()

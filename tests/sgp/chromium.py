@@ -24,7 +24,7 @@ PROGRAM = next(
 MISSING = "there is no Chromium: install Debian's package `chromium`"
 # Of most tests: the smaller it is, the less a software renderer has to draw.
 WINDOW = (960, 640)
-_LIMIT_S = 60.0
+_LIMIT_S = 120.0
 
 
 class BrowserError(Exception):
@@ -102,7 +102,7 @@ class Browser:
                 self.call("Browser.close")
             except (BrowserError, OSError):
                 self._process.kill()
-        self._process.wait(20)
+        self._process.wait(60)
         for fd in (self._read, self._write):
             os.close(fd)
 
@@ -171,7 +171,7 @@ class Browser:
             raise BrowserError(f"{expression}: {found['exceptionDetails']}")
         return found["result"].get("value")
 
-    def until(self, expression: str, limit_s: float = 30.0) -> None:
+    def until(self, expression: str, limit_s: float = 120.0) -> None:
         """Wait until an expression is true."""
         until = time.monotonic() + limit_s
         while not self.value(expression):

@@ -28,7 +28,7 @@ from simulator.led_board import VirtualBoard
 LEDS = 6
 PLAN = CapturePlan(leds="0-5", exposures_us=(5000.0,))
 FIRST = Light("one", (0,), 5000.0)
-LIMIT_S = 30.0
+LIMIT_S = 120.0
 
 
 class LitRig:

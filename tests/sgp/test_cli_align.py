@@ -40,6 +40,7 @@ def test_shifts_are_recorded_and_off_leaves_the_images(sgp, moved, tmp_path):
     assert "shifts_px" not in read_record(tmp_path / "off" / "normals.json").metrics
 
 
+@pytest.mark.slow
 def test_the_camera_is_held_by_hand(sgp, tmp_path):
     """Lights are found although the ball moves, and the object is aligned better than that."""
     folder, out = tmp_path / "photographs", tmp_path / "out"

@@ -274,7 +274,7 @@ def test_ctrl_c_while_a_raw_file_is_awaited_loses_nothing(sgp, tmp_path):
     )
     assert "waits 10 s for a camera RAW file" in process.stderr.readline()
     process.send_signal(signal.SIGINT)
-    _, message = process.communicate(timeout=30)
+    _, message = process.communicate(timeout=100)
     assert process.returncode == 130, message
     assert "nothing was recorded yet; run the same command again to continue" in message
     assert "Traceback" not in message

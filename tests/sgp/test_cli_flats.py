@@ -36,7 +36,7 @@ def at_the_prompt(rig, plan, out, act, typed_before=b""):
                 if "press Enter" in line:
                     act(process, mine)
                     break
-            _, message = process.communicate(timeout=30)
+            _, message = process.communicate(timeout=100)
         finally:
             process.kill()
             os.close(mine)
@@ -58,6 +58,7 @@ def test_one_ctrl_c_ends_the_wait_for_the_card(sgp, real_rig, with_flats, tmp_pa
     assert sgp("capture", "resume", out, "--rig", real_rig).code == 0
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="requires a pty for the prompt")
 def test_enter_takes_the_flats(real_rig, with_flats, tmp_path):
     out = tmp_path / "s"

@@ -216,7 +216,9 @@ SAVED = {
 @pytest.mark.parametrize(
     ("name", "suffix"),
     [
-        pytest.param(name, suffix, marks=[] if name == "cat" else pytest.mark.slow)
+        pytest.param(
+            name, suffix, marks=[] if (name, suffix) == ("cat", "jpg") else pytest.mark.slow
+        )
         for suffix, names in SAVED.items()
         for name in names
     ],

@@ -85,6 +85,7 @@ def test_a_stated_distance_makes_the_lights_near(sgp, folder, tmp_path):
     assert angle_deg(again, found)[KNOWN].max() < 1e-3
 
 
+@pytest.mark.slow
 def test_the_distance_is_from_the_middle_of_the_complete_images(sgp, folder, tmp_path):
     """A region at half of the resolution has the same lights and nearly the same normals."""
     given = ("--light-distance-mm", DISTANCE)
@@ -100,6 +101,7 @@ def test_the_distance_is_from_the_middle_of_the_complete_images(sgp, folder, tmp
     assert angle_deg(reduced.normals, blocks)[reduced.mask].mean() < 0.6
 
 
+@pytest.mark.slow
 def test_a_run_has_the_height_of_the_object(sgp, folder, tmp_path):
     out = tmp_path / "run"
     sgp(

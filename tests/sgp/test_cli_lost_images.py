@@ -105,6 +105,7 @@ def test_an_image_that_does_not_count_costs_its_light_only(
     assert "7 images, distant lights" in sgp(*words).out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", quick(["calibrate", "run"], every=2))
 def test_the_refusal_says_what_to_exclude_and_that_helps(sgp, recording, tmp_path, command):
     for name in ("L03", "L06"):

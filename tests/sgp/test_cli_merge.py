@@ -105,6 +105,7 @@ def test_fields_that_disagree(sgp, place: Path) -> None:
     assert answer.figures()["pairs"][0]["disagreement"] == pytest.approx(4, rel=0.15)
 
 
+@pytest.mark.slow
 def test_recordings_are_processed_first_and_once(sgp, here, tmp_path, monkeypatch) -> None:  # noqa: F811
     monkeypatch.chdir(tmp_path)
     whole, lights = relief((180, 220), 5), ring_lights(8)

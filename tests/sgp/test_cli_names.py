@@ -48,6 +48,7 @@ def in_bad_folder(recording: Path) -> list[Path]:
     return [place / BAD, images, masked, place / BAD / "none", place / f"{BAD}.png"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("as_json", quick([False, True], every=2), ids=["text", "json"])
 def test_sources_that_image_libraries_cannot_open(sgp, recording, place, as_json):
     json_too = ["--json"] if as_json else []

@@ -103,6 +103,7 @@ def test_near_lights_with_the_size_of_a_pixel(sgp, place, tmp_path):
     assert "focal length of 110 px (50 mm, pixels of 454.5 um, Exif)" in stated["text"]
 
 
+@pytest.mark.slow
 def test_a_given_camera_has_priority(sgp, place, tmp_path):
     given = ("--camera", place / "camera.json", "--out", tmp_path / "out", "--json")
     for name in ("exif", "zoomed"):

@@ -16,7 +16,6 @@ pytestmark = needs_data
     ("name", "method", "low", "high"),
     [
         pytest.param("bearPNG", "ls", 8.34, 8.44, id="bear ls", marks=pytest.mark.slow),
-        pytest.param("catPNG", "ls", 8.36, 8.46, id="cat ls", marks=pytest.mark.slow),
         pytest.param("bearPNG", "cauchy", 0.0, 6.4, id="bear cauchy", marks=pytest.mark.slow),
         pytest.param("catPNG", "cauchy", 0.0, 7.2, id="cat cauchy", marks=pytest.mark.slow),
     ],
@@ -67,6 +66,7 @@ def test_buddha_is_raised_right_is_red_and_up_is_green(sgp, uw_lights, tmp_path)
     assert set(seconds["seconds"]) >= {"normals", "detail", "surface"}
 
 
+@pytest.mark.slow
 def test_gray_ball_agrees_with_its_geometry(sgp, uw_lights, tmp_path):
     """The truth is the ball's outline, an ellipse since the pixels are not square."""
     sgp("normals", DATA / "uw" / "gray", "--lights", uw_lights, "--out", tmp_path).ok()

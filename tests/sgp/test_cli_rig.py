@@ -170,7 +170,7 @@ def test_ctrl_c_turns_the_light_off(bench):
         assert host.poll() is None
         time.sleep(0.02)
     host.send_signal(signal.SIGINT)
-    _, err = host.communicate(timeout=20)
+    _, err = host.communicate(timeout=100)
     assert host.returncode == 130
     assert b"stopped by Ctrl-C" in err
     assert bench.dark()

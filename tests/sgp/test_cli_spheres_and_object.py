@@ -65,6 +65,7 @@ def test_a_radius_without_a_camera_gives_the_scale(sgp, recording, tmp_path):
     assert pixel == pytest.approx(12 / RADIUS, rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_radius_and_the_focal_length_in_exif_give_the_distance(sgp, recording, tmp_path):
     """The images are orthographic: a lens of 1250 mm before a sensor of 36 mm is nearly so."""
     source, out = tmp_path / "source", tmp_path / "normals"

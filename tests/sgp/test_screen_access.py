@@ -251,7 +251,7 @@ def test_malformed_requests_do_nothing(page: Served, caplog: pytest.LogCaptureFi
     random_ = random.Random(82)
     open_links = []
     for _ in range(BAD_REQUESTS):
-        link = socket.create_connection(("127.0.0.1", page.port), timeout=10)
+        link = socket.create_connection(("127.0.0.1", page.port), timeout=60)
         with suppress(ConnectionError):  # closed before the end
             link.sendall(malformed(random_, page))
         if random_.random() < 0.02:
@@ -296,4 +296,4 @@ def test_each_start_has_another_token(page: Served) -> None:
 def test_other_addresses_do_not_answer(page: Served) -> None:
     for address in ("127.0.0.2", "::1"):
         with pytest.raises(OSError, match=r"refused|unreachable|assign|supported"):
-            socket.create_connection((address, page.port), timeout=10)
+            socket.create_connection((address, page.port), timeout=60)

@@ -264,7 +264,7 @@ def test_recordings_have_their_own_pictures(page: Page) -> None:
             f"one.naturalWidth === 96 && one.src.includes('{name}')).length === {count}"
         )
     page.press("Normals")
-    page.browser.until("document.querySelector('img.look')?.naturalWidth === 64", 60)
+    page.browser.until("document.querySelector('img.look')?.naturalWidth === 64")
     assert "second" in page.browser.value("document.querySelector('img.look').src")
 
 

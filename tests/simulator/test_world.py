@@ -31,6 +31,7 @@ from simulator.world.light import LightHistory, LightView
 from simulator.world.schedule import KINDS, VERSION
 from simulator.world.scheduler import StuckError
 from simulator.world.trial import empty_folder, run, run_seed
+from tests.quick_sample import quick
 
 CALM = Schedule(3, ())
 
@@ -46,7 +47,7 @@ def disk_in(folder: Path, seed: int = 0) -> Disk:
     return Disk(folder, random.Random(seed), lambda name: None, lambda seconds: None)
 
 
-@pytest.mark.parametrize("first", range(0, 40, 10))
+@pytest.mark.parametrize("first", quick(range(0, 40, 10), every=2))
 def test_no_promise_is_broken(first: int) -> None:
     outcomes = [run_seed(seed) for seed in range(first, first + 10)]
     assert [one.violations for one in outcomes] == [()] * 10
@@ -67,6 +68,7 @@ def test_a_seed_is_replayed_step_by_step(tmp_path: Path) -> None:
     assert len(first) > 500
 
 
+@pytest.mark.slow
 def test_a_violation_is_reduced_to_few_faults(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
