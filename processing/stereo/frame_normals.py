@@ -89,7 +89,7 @@ def normals_of_frames(
     """
     check_type("lights", lights, Lights, "Lights(directions)")
     if isinstance(frames, np.ma.MaskedArray):
-        raise TypeError("frames must not be a masked array: frames.filled(saturation) is none")
+        raise TypeError("frames must not be a masked array: give frames.filled(saturation)")
     frames, dark = np.asarray(frames), np.asarray(dark, np.float32)
     name = method_name(method)
     _check(frames, lights, dark, saturation)

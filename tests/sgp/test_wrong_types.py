@@ -38,7 +38,7 @@ CASES = {
     "raw values": (lambda: processing.photometric_stereo(BYTES, LIGHTS, MASK), f"values {RAW}"),
     "masked frames": (
         lambda: processing.normals_of_frames(np.ma.array(BYTES), LIGHTS),
-        r"not be a masked array: frames.filled\(saturation\)",
+        r"not be a masked array: give frames.filled\(saturation\)",
     ),
     "maps as an array": (
         lambda: processing.normals_of_frames(BYTES, LIGHTS, out=FACING),
