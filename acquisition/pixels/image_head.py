@@ -33,6 +33,7 @@ _OTHERS: Final = {
     "a HEIF image": rb".{4}ftyp(heic|heix|hevc|mif1|msf1|avif|avis)",
     "a Photoshop file": rb"8BPS",
     "a PDF file": rb"%PDF",
+    "a MAT-file": rb"MATLAB",
     "a web page": rb"\s*<(!doctype|html)",
     "text": rb"[\t\n\r -~]{64}",
 }

@@ -101,7 +101,15 @@ def light_rows(
             count = _numbers_per_row(rows, form, named=named)
             return [row.light(count) for row in rows]
         tried = max(tried, rows, key=len)
+    if len(tried) == 1:
+        form += " or a heading with x, y and z"
     raise refused or tried[-1].unlike(form, later=len(tried) > 1)
+
+
+def is_comment(text: str) -> bool:
+    """Return whether a line is a comment: no name of an image that begins with #, no heading."""
+    is_row = _NUMBER.fullmatch(text.split()[-1])
+    return text[0] in "#%" and not (is_row or any(_columns(text, each) for each in _SEPARATORS))
 
 
 def same_length(vectors: Float64) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 
 from acquisition._errors import DataError
 from acquisition.files.text_files import numbered_lines, read_text
-from acquisition.value_files.light_rows import LightRow, light_rows, same_length
+from acquisition.value_files.light_rows import LightRow, is_comment, light_rows, same_length
 from acquisition.values.lights import Lights
 from rig import Notice, pluralize
 from rig.arrays import Float64
@@ -33,7 +33,8 @@ def parse_lp(text: str, path: Path) -> Lights:
 
     File names may contain spaces and Windows folders, which are dropped from the ids. Fields are
     separated by semicolons, tabs, white space or commas, the first of these that fits all lines;
-    commas are decimal commas otherwise. A fourth number is the intensity of the light if it varies
+    commas are decimal commas otherwise. Lines that begin with # or % are comments, unless they are
+    such a row or name the columns. A fourth number is the intensity of the light if it varies
     near 1. Vectors may have any length: a notice says so if it may have a meaning.
 
     Raises
@@ -181,6 +182,7 @@ def _table(text: str, path: Path) -> list[LightRow]:
 def _lines(text: str, path: Path) -> list[tuple[int, str]]:
     # Spreadsheets write rows of separators after the last one.
     lines = [line for line in numbered_lines(text) if line[1].strip(" \t;,")]
+    lines = [line for line in lines if not is_comment(line[1])]
     if len(lines) > _MOST_LIGHTS + 1:
         raise DataError(f"{path}: {len(lines)} lines: at most {_MOST_LIGHTS} lights are allowed")
     return lines

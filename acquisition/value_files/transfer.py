@@ -19,8 +19,9 @@ def read_transfer(path: str | Path) -> TransferCurve:
     ----------
     path
         File with one point per line: sample and light, in any unit, separated by a comma, a
-        semicolon or spaces. Both columns begin with 0 and increase strictly; the last line belongs
-        to the white level. A first line of words and lines that begin with ``#`` are skipped.
+        semicolon or spaces; in files with semicolons, commas are decimal commas. Both columns begin
+        with 0 and increase strictly; the last line belongs to the white level. A first line of
+        words and lines that begin with ``#`` are skipped.
 
     Raises
     ------
@@ -41,9 +42,10 @@ def read_transfer(path: str | Path) -> TransferCurve:
     path = Path(path)
     points: list[tuple[float, float]] = []
     lines = [line for line in numbered_lines(read_text(path)) if not line[1].startswith("#")]
+    between = r"\s*;\s*" if any(";" in line for _, line in lines) else r"\s*,\s*|\s+"
     for index, (number, line) in enumerate(lines):
         try:
-            sample, light = (float(part) for part in re.split(r"\s*[,;]\s*|\s+", line))
+            sample, light = (float(part.replace(",", ".")) for part in re.split(between, line))
         except ValueError:
             if index == 0 and re.search("[^\\W\\d_]", line):
                 continue  # names of the columns

@@ -29,7 +29,9 @@ _Row = tuple[Hypothesis, Fitted]
 def _possible(row: _Row) -> bool:
     """Return whether a size is known, and can exist: no room light is darker than none."""
     hypothesis, fitted = row
-    if not np.any(np.abs(fitted.size) > limits.SIGMAS * fitted.sigma):
+    known = np.abs(fitted.size) > limits.SIGMAS * fitted.sigma
+    # A height alone is a factor that depends on the elevations of the lights.
+    if not (known[0] if hypothesis.name == "lights-not-distant" else known.any()):
         return False
     if hypothesis.name == _CURVE:
         return bool(0 < 1 + fitted.size[0] < limits.LARGEST_POWER)

@@ -30,7 +30,7 @@ from processing.detail.shape_filter import ShapeFilter
 from processing.maps.metrics import Protocol, angle_map_deg, mean_similarity, similarity_of_rows
 from processing.maps.normal_map import NormalMap, check_normal_map, directions
 from processing.stages.stage import Need, NormalRows, Size, Step, run_steps, size_of
-from rig import Progress, in_threads, no_progress
+from rig import Progress, check_type, in_threads, no_progress
 from rig.arrays import Bool, Float32, Float64
 
 # Rows of a map that the similarity of a row needs above and below.
@@ -188,6 +188,7 @@ class TransferStage:
     def __post_init__(self) -> None:
         if self.refine < 0:
             raise DataError(f"the number of refinement steps cannot be negative: {self.refine}")
+        check_type("shape_filter", self.shape_filter, ShapeFilter, "ShapeFilter(kind, order, w)")
         _check_amplitude(self.amplitude)
 
     @property

@@ -17,7 +17,7 @@ from processing.detail.seam import SeamSteps, blend_detail, seam_steps
 from processing.detail.separation import separate
 from processing.detail.shape_filter import ShapeFilter
 from processing.maps.mask import bounding_box
-from processing.maps.normal_map import NormalMap, check_normal_map
+from processing.maps.normal_map import NormalMap, check_mask, check_normal_map
 from rig import Progress, in_threads, no_progress, pluralize
 from rig.arrays import Bool, Float32, Float64
 from rig.kernels import PART
@@ -320,8 +320,8 @@ def transfer_local(
     reach = float(shape_filter.w) if reach_px is None else reach_px
     if not 0 < reach < np.inf:
         raise DataError(f"a blending reach of {reach} px is invalid: give a number above 0")
-    part = _checked(source_mask, source, "source") & source.mask
-    room = _checked(target_mask, target, "target") & target.mask
+    part = check_mask("source_mask", source_mask, source.size) & source.mask
+    room = check_mask("target_mask", target_mask, target.size) & target.mask
     for name, mask in (("source", part), ("target", room)):
         if not mask.any():
             raise DataError(f"the {name} mask and the {name}'s normals do not overlap")
@@ -356,17 +356,6 @@ def transfer_local(
     result = NormalMap(normals, target.mask)
     on_progress("transferring", 5, 5)
     return LocalTransferResult(result, target, region, placed, placement, shape_filter, amplitude)
-
-
-def _checked(mask: Bool | None, normal_map: NormalMap, name: str) -> Bool:
-    if mask is None:
-        return np.ones(normal_map.size, np.bool_)
-    if mask.dtype != np.bool_ or mask.shape != normal_map.size:
-        raise DataError(
-            f"a {name} mask of {mask.dtype} and shape {mask.shape} does not fit a {name} of "
-            f"{_text(normal_map)} pixels"
-        )
-    return mask
 
 
 def _middle(mask: Bool) -> tuple[int, int]:

@@ -16,7 +16,7 @@ from processing.detail.shape_filter import ShapeFilter
 from processing.maps.metrics import angle_map_deg
 from processing.maps.normal_map import NormalMap, check_normal_map
 from processing.stages.stage import Need, NormalRows, Size, Step
-from rig import Progress, no_progress
+from rig import Progress, check_type, no_progress
 from rig.arrays import Bool, Float32, Float64
 
 # The interpreter, libraries and compiled kernels.
@@ -253,6 +253,7 @@ def separate(
     NormalMap(float32[32, 32, 3], 1024 normals)
     """
     check_normal_map("normal_map", normal_map)
+    check_type("shape_filter", shape_filter, ShapeFilter, "ShapeFilter(kind, order, w)")
     return Separation(*shape_filter.split(normal_map, on_progress), shape_filter)
 
 

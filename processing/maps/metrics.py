@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numba
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, angle_deg
-from processing.maps.normal_map import NormalMap, check_normal_map
+from processing.maps.normal_map import NormalMap, check_mask, check_normal_map
 from processing.maps.ssim_kernel import similarity_rows
 from rig import in_threads, short_repr
 from rig.arrays import Bool, Float32, Float64
@@ -84,9 +84,7 @@ def angular_error(
     """
     check_normal_map("estimate", estimate)
     truth_map = truth if isinstance(truth, NormalMap) else NormalMap.from_vectors(truth)
-    counted = (
-        truth_map.mask if mask is None else truth_map.mask & _checked_mask(mask, truth_map.size)
-    )
+    counted = truth_map.mask & check_mask("mask", mask, truth_map.size)
     _check_sizes(estimate, truth_map)
     if not counted.any():
         raise DataError("no pixel of the mask has a true normal: nothing to compare")
@@ -171,7 +169,7 @@ def ssim(
     Raises
     ------
     DataError
-        If the sizes differ or the mask is empty.
+        If the sizes differ, the mask is empty, or the protocol is not known.
 
     Examples
     --------
@@ -185,8 +183,10 @@ def ssim(
     """
     check_normal_map("a", a)
     check_normal_map("b", b)
+    if protocol not in get_args(Protocol):
+        raise DataError(f"{protocol!r} is not a protocol: use {' or '.join(get_args(Protocol))}")
     _check_sizes(a, b)
-    counted = a.mask | b.mask if mask is None else _checked_mask(mask, a.size)
+    counted = a.mask | b.mask if mask is None else check_mask("mask", mask, a.size)
     if not counted.any():
         raise DataError("the mask is empty: nothing to compare")
     sums = similarity_of_rows(a.normals, b.normals, (a.mask, b.mask), counted, protocol)
@@ -228,14 +228,6 @@ def _check_sizes(a: NormalMap, b: NormalMap) -> None:
             f"cannot compare normal maps of {_text(a.size)} and {_text(b.size)} pixels: they must "
             "have the same size"
         )
-
-
-def _checked_mask(mask: Bool, size: tuple[int, int]) -> Bool:
-    if mask.dtype != np.bool_ or mask.shape != size:
-        raise DataError(
-            f"a mask of {mask.dtype} and shape {mask.shape} does not fit maps of {_text(size)}"
-        )
-    return mask
 
 
 def _text(size: tuple[int, int]) -> str:

@@ -76,8 +76,7 @@ class NormalMap:
 
     def __post_init__(self) -> None:
         normals = np.ascontiguousarray(self.normals, np.float32)
-        mask = np.ascontiguousarray(self.mask)
-        _check_shapes(normals, mask)
+        mask = _checked_mask(normals, self.mask)
         unsound = np.zeros(len(mask), np.int64)
         in_threads(_unsound, len(mask), normals, mask, unsound)
         if unsound.any():
@@ -101,7 +100,8 @@ class NormalMap:
         ----------
         vectors
             ``(H, W, 3)`` numbers. A vector of length 0 or with a component that is not finite
-            means that the normal is unknown: the pixel is removed from the mask.
+            means that the normal is unknown, as does a masked one: the pixel is removed from the
+            mask.
         mask
             ``(H, W)`` bool. Default: all pixels.
 
@@ -114,13 +114,19 @@ class NormalMap:
         ------
         DataError
             If the shapes differ or no vector is left.
+        TypeError
+            If the vectors are unsigned integers, as in an image of normals.
         """
-        raw = np.asarray(vectors)
-        inside = np.ones(raw.shape[:2], np.bool_) if mask is None else np.asarray(mask)
-        _check_shapes(raw, inside)
+        raw = np.asanyarray(vectors)
+        if raw.dtype.kind == "u":
+            raise TypeError(
+                f"vectors must be numbers from -1 to 1, not {raw.dtype}, which encodes them: "
+                "read_normals(path) decodes an image"
+            )
+        inside = _checked_mask(raw, mask)
         # The kernel is compiled for two types only.
         double = raw if raw.dtype == np.float32 else raw.astype(np.float64, copy=False)
-        vectors, inside = np.ascontiguousarray(double), np.ascontiguousarray(inside)
+        vectors = np.ascontiguousarray(np.ma.filled(double, np.nan))
         normals, known = np.zeros(raw.shape, np.float32), np.zeros(inside.shape, np.bool_)
         in_threads(directions, len(inside), vectors, inside, normals, known)
         return cls(normals, known)
@@ -180,14 +186,10 @@ class NormalMap:
         return height, width
 
 
-def _check_shapes(vectors: Generic, mask: Generic) -> None:
+def _checked_mask(vectors: Generic, mask: Bool | None) -> Bool:
     if vectors.ndim != 3 or vectors.shape[2] != 3:
         raise DataError(f"normals must be of shape (H, W, 3), not {vectors.shape}")
-    if mask.dtype != np.bool_ or mask.shape != vectors.shape[:2]:
-        raise DataError(
-            f"normals of shape {vectors.shape} need a bool mask of shape {vectors.shape[:2]}, "
-            f"not {mask.dtype} of shape {mask.shape}"
-        )
+    return check_mask("mask", mask, vectors.shape[:2])
 
 
 @numba.njit(nogil=True, cache=True)
@@ -240,6 +242,22 @@ def check_normal_rows(name: str, value: object) -> None:
     """Refuse what has no normals and mask, such as a plain array, by `check_normal_map`."""
     if not (hasattr(value, "normals") and hasattr(value, "mask")):
         check_normal_map(name, value)
+
+
+def check_mask(name: str, mask: npt.ArrayLike | None, size: tuple[int, ...]) -> Bool:
+    """Return a mask as a contiguous array; without one, all pixels.
+
+    Raises
+    ------
+    DataError
+        If it is not bool or of another size; the message names the parameter.
+    """
+    array = np.ones(size, np.bool_) if mask is None else np.ascontiguousarray(mask)
+    if array.dtype != np.bool_ or array.shape != size:
+        raise DataError(
+            f"{name} must be bool of shape {size}, not {array.dtype} of shape {array.shape}"
+        )
+    return array
 
 
 def check_normal_map(name: str, value: object) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, Lights
+from processing.maps.normal_map import check_mask
 from processing.stereo.frames import Frames
 from processing.stereo.image_noise import law_of_images
 from processing.stereo.light_model import LightModel, check_one_light_each
@@ -87,18 +88,21 @@ def normals_of_frames(
     ((90, 200, 3), array([0. , 0.6, 0.8], dtype=float32))
     """
     check_type("lights", lights, Lights, "Lights(directions)")
+    if isinstance(frames, np.ma.MaskedArray):
+        raise TypeError("frames must not be a masked array: give frames.filled(saturation)")
     frames, dark = np.asarray(frames), np.asarray(dark, np.float32)
     name = method_name(method)
-    _check(frames, lights, dark, saturation, mask)
+    _check(frames, lights, dark, saturation)
     factor = _factors(gain, len(lights))
     rows, columns = _inside(region, frames.shape[1:])
     part = frames[:, rows, columns]
     shape = part.shape[1:]
     maps = StereoMaps.empty(shape) if out is None else out
+    check_type("out", maps, StereoMaps, "StereoMaps.empty((rows, columns))")
     maps.check(shape)
-    of_part = (
-        np.ones(shape, np.bool_) if mask is None else np.ascontiguousarray(mask[rows, columns])
-    )
+    if mask is not None:
+        mask = check_mask("mask", mask, frames.shape[1:])[rows, columns]
+    of_part = check_mask("mask", mask, shape)
     if not of_part.any():
         raise DataError("the mask has no pixel in the region: there is nothing to compute")
     points = None
@@ -133,7 +137,6 @@ def _check(
     lights: Lights,
     dark: Float32,
     saturation: float,
-    mask: Bool | None,
 ) -> None:
     if frames.ndim != 3 or frames.dtype.kind not in "uif":
         raise DataError(
@@ -147,10 +150,6 @@ def _check(
         raise DataError("the dark level is not finite")
     if not saturation > float(dark.min()):
         raise DataError(f"a saturation of {saturation:g} is not above the dark level")
-    if mask is not None and (mask.dtype != np.bool_ or mask.shape != size):
-        raise DataError(
-            f"a mask of {mask.dtype} and shape {mask.shape} does not fit frames of {_size(size)}"
-        )
 
 
 def _factors(gain: npt.ArrayLike, lights: int) -> Float64:

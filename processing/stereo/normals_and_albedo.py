@@ -11,7 +11,7 @@ import numpy.typing as npt
 from acquisition import CameraModel, DataError, Lights
 from calibration import EstimateError, StackNoise
 from calibration.radiance import check_linear
-from processing.maps.normal_map import NormalMap
+from processing.maps.normal_map import NormalMap, check_mask
 from processing.stereo.frames import Frames
 from processing.stereo.image_noise import NoiseLaw, law_of_images
 from processing.stereo.light_model import LightModel, check_one_light_each
@@ -72,7 +72,8 @@ def photometric_stereo(
     ----------
     values
         ``(N, H, W)`` float32 linear radiance, one channel, already divided by the lights'
-        intensities. Samples that are not finite (saturated, unmeasured) are left out.
+        intensities. Samples that are not finite (saturated, unmeasured) or masked are left
+        out.
     lights
         The N lights in the order of the images.
     mask
@@ -136,8 +137,8 @@ def photometric_stereo(
     check_linear("values", values)
     check_type("lights", lights, Lights, "Lights(directions)")
     name = method_name(method)
-    stack, mask = np.asarray(values, np.float32), np.ascontiguousarray(mask)
-    _check_inputs(stack, lights, mask)
+    stack = np.asarray(np.ma.filled(values, np.nan), np.float32)
+    mask = _checked_mask(stack, lights, mask)
     model = LightModel(lights, points_mm, mask)
     model.check(mask)
     frames = Frames(stack)
@@ -199,19 +200,16 @@ def severity_of_loss(lost: int, total: int) -> Severity:
     return "warning" if lost > _FEW * total else "info"
 
 
-def _check_inputs(stack: Float32, lights: Lights, mask: Bool) -> None:
+def _checked_mask(stack: Float32, lights: Lights, mask: Bool) -> Bool:
     if stack.ndim != 3:
         raise DataError(
             f"photometric stereo requires a stack (N, H, W) of one channel, not {stack.shape}"
         )
     check_one_light_each(len(stack), lights)
-    if mask.dtype != np.bool_ or mask.shape != stack.shape[1:]:
-        raise DataError(
-            f"a mask of {mask.dtype} and shape {mask.shape} does not fit images of shape "
-            f"{stack.shape[1:]}"
-        )
+    mask = check_mask("mask", mask, stack.shape[1:])
     if not mask.any():
         raise DataError("the mask is empty: there is no pixel to compute")
+    return mask
 
 
 def _why_nothing(most_used: int, mask: Bool, images: Iterable[Float32]) -> str:

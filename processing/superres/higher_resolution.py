@@ -13,7 +13,7 @@ import numpy as np
 from acquisition import DataError, MapRows
 from acquisition.files import Form, Maps, rows_in_bands
 from processing.detail.separation import sums_of_rows
-from processing.maps.normal_map import NormalMap, check_normal_map
+from processing.maps.normal_map import NormalMap, check_mask, check_normal_map
 from processing.stages.stage import Need, NormalRows, Size, Step, computed
 from processing.superres.enlarge import (
     REACH_PX,
@@ -160,12 +160,7 @@ class SuperResolutionStage:
                 f"{self.max_pixels} are allowed: use a part of the map, or raise the limit on "
                 "pixels"
             )
-        wanted = self.wanted
-        if wanted is not None and (wanted.dtype != np.bool_ or wanted.shape != size):
-            raise DataError(
-                f"a mask of {wanted.dtype} and shape {wanted.shape} does not fit: bool of shape "
-                f"{size} is required"
-            )
+        check_mask("mask", self.wanted, size)
         return self._forms(size)
 
     def _forms(self, size: Size) -> dict[str, Form]:

@@ -131,6 +131,8 @@ def integrate(
             f"a prior of shape {prior.height.shape} does not fit a normal map of shape "
             f"{normal_map.size}"
         )
+    if sigma_deg is not None:
+        sigma_deg = np.ma.filled(sigma_deg, np.nan)
     rows_of, variance = variances(sigma_deg, normal_map.mask)
     relative: Float32 | None = None if rows_of is None else rows_of[:]
     if height_errors and relative is None:

@@ -36,8 +36,9 @@ def read_prior(
         A table (.csv, .txt) whose first line names its columns, ``x_px,y_px,height_mm`` or
         ``x_px,y_px,height_px``, and optionally ``sigma_mm`` or ``sigma_px``: column and row of the
         normal map, where whole numbers are the centres of pixels, height and its standard
-        deviation. Or a map of floats with one channel (.exr, .npy, .tif) in ``unit``, of the size
-        of the normal map or coarser, NaN where the height is not known.
+        deviation. In files with semicolons or tabs, commas are decimal commas. Or a map of floats
+        with one channel (.exr, .npy, .tif) in ``unit``, of the size of the normal map or coarser,
+        NaN where the height is not known.
     size
         Height and width of the normal map in pixels.
     unit
@@ -98,6 +99,8 @@ def _table(path: Path) -> list[tuple[int, list[str]]]:
         raise MissingPathError(f"{path}: no such file") from error
     except (UnreadableError, UnicodeDecodeError) as error:
         raise DataError(f"not a readable table: {error}") from error
+    if re.search("[;\t]", text):  # commas are decimal commas
+        text = text.replace(",", ".")
     lines = [(number, line.strip()) for number, line in enumerate(text.splitlines(), 1)]
     return [(number, re.split(r"\s*[,;\t]\s*|\s+", line)) for number, line in lines if line]
 

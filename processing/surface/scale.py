@@ -10,6 +10,7 @@ import numpy as np
 from acquisition import CameraModel, DataError, MapRows
 from acquisition.files import rows_in_bands
 from calibration import EstimateError
+from rig import check_type
 from rig.arrays import Bool, Float64, Int32
 
 # A depth that varies by more than this factor cannot be a surface in front of a camera.
@@ -108,6 +109,7 @@ def scale_of(camera: CameraModel | None, pixel_mm: float | None) -> Scale:
     size = 1.0 if pixel_mm is None else pixel_mm
     if camera is None:
         return Scale(unit, size, None, 1.0)
+    check_type("camera", camera, CameraModel, "acquisition.read_camera(path) returns one")
     focal_px, distance = camera.focal_px, camera.working_distance_mm
     if distance is None:
         return Scale(unit, size, size * focal_px, focal_px)

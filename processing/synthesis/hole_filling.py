@@ -14,7 +14,7 @@ from processing.detail.rotation import rotate_from_z, rotate_to_z
 from processing.detail.seam import SeamSteps, seam_steps
 from processing.detail.shape_filter import ShapeFilter
 from processing.maps.mask import bounding_box
-from processing.maps.normal_map import NormalMap, check_normal_map
+from processing.maps.normal_map import NormalMap, check_mask, check_normal_map
 from processing.surface.multigrid import coarsened, solve
 from processing.synthesis.exemplar import mean_angle
 from processing.synthesis.hole_detail import fill_detail
@@ -160,12 +160,7 @@ def fill_holes(
 
 def _checked(normal_map: NormalMap, holes: Bool, patch: int, overlap: int, seed: int) -> Bool:
     """Check the arguments and return where normals are known."""
-    height, width = normal_map.size
-    if holes.dtype != np.bool_ or holes.shape != normal_map.size:
-        raise DataError(
-            f"a mask of holes of {holes.dtype} and shape {holes.shape} does not fit a normal map "
-            f"of {width} x {height} pixels"
-        )
+    holes = check_mask("holes", holes, normal_map.size)
     count, known = int(np.count_nonzero(holes)), normal_map.mask & ~holes
     left = int(np.count_nonzero(known))
     if not count:

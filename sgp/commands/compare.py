@@ -32,6 +32,7 @@ def compare(
     false_alarm: Probability = 0.05,
     pixel_mm: Positive | None = None,
     green: Green = "up",
+    green_b: Green | None = None,
     out: Path | None = None,
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
@@ -66,7 +67,9 @@ def compare(
     pixel_mm
         Size of a pixel of A and B on the object in mm; default: that of the recordings.
     green
-        Direction of the green channel in image files.
+        Direction of the green channel of A, and of B without --green-b.
+    green_b
+        Direction of the green channel of B.
     out
         Folder for error.exr, error.png and compare.json; without it, nothing is written. With
         --register, for normals_deg.exr, albedo_factor.exr, difference.png and the normals of B on
@@ -77,21 +80,17 @@ def compare(
     force
         Write into an output folder that already contains files.
     """
+    inputs = (
+        MapInput(a, green, max_pixels=max_pixels),
+        MapInput(b, green_b or green, "--green-b", max_pixels),
+    )
     if register:
-        return _registered(
-            a,
-            b,
-            mask=mask,
-            false_alarm=false_alarm if significance else None,
-            pixel_mm=pixel_mm,
-            green=green,
-            out=out,
-            max_pixels=max_pixels,
-        )
+        wanted = false_alarm if significance else None
+        return _registered(inputs, mask=mask, false_alarm=wanted, pixel_mm=pixel_mm, out=out)
     if significance or pixel_mm is not None:
         option = "--significance" if significance else "--pixel-mm"
         raise UsageError(f"{option} compares registered maps: give --register as well")
-    first, second = (MapInput(path, green, max_pixels=max_pixels).read() for path in (a, b))
+    first, second = (given.read() for given in inputs)
     counted = None if mask is None else acquisition.read_mask(mask, second.normal_map.size)
     error = processing.angular_error(first.normal_map, second.normal_map, counted)
     if not error.coverage:
@@ -132,22 +131,18 @@ def compare(
 
 
 def _registered(
-    a: Path,
-    b: Path,
+    inputs: tuple[MapInput, MapInput],
     *,
     mask: Path | None,
     false_alarm: float | None,
     pixel_mm: float | None,
-    green: Green,
     out: Path | None,
-    max_pixels: int,
 ) -> Result:
     """Compare a field before and after; ``false_alarm`` is None without significance."""
     if false_alarm is not None and out is None:
         raise UsageError("--significance writes maps and a table: give --out")
-    before, after = (
-        read_field(path, green, pixel_mm=pixel_mm, max_pixels=max_pixels) for path in (a, b)
-    )
+    a, b = (given.path for given in inputs)
+    before, after = (read_field(given, pixel_mm) for given in inputs)
     result = Result(
         warnings=[*before.notices, *after.notices],
         inputs=[*before.files, *after.files, *([] if mask is None else [mask])],
@@ -164,7 +159,9 @@ def _registered(
                 "known: compute the normals with `sgp normals` from 5 images at least, or leave "
                 "--significance out"
             )
-    if false_alarm is not None and before.images & after.images:
+    # Two recordings may have the same list of lights, mask and dark frames.
+    shared = len(before.sources & after.sources)
+    if false_alarm is not None and 2 * shared > min(len(before.sources), len(after.sources)):
         raise acquisition.DataError(
             f"{a} and {b}: were computed from the same images, so their errors are the same: the "
             "significance of changes needs two recordings"

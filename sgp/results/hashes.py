@@ -50,7 +50,7 @@ def input_hashes(files: Iterable[Path]) -> dict[str, str]:
     Raises
     ------
     DataError
-        If a file was changed, replaced or removed after the command had opened it.
+        If a file is missing, or was changed, replaced or removed after the command had opened it.
     """
     return {str(file): _input_hash(file) for file in shown("hashing the inputs", [*files])}
 
@@ -62,7 +62,7 @@ def _input_hash(path: Path) -> str:
         same = first in (None, rig.files.FileStatus.of(path.stat()))
     except FileNotFoundError:
         if first is None:
-            raise
+            raise acquisition.DataError(f"{path}: is missing: restore it") from None
         raise _changed(path, "removed") from None
     if same or (first is not None and _digests.get((path.absolute(), first)) == digest):
         return digest

@@ -26,7 +26,7 @@ class FieldResult:
     rows
         Its maps.
     pixel_mm
-        Size of a pixel on the object, if the record states it.
+        Size of a pixel of the maps on the object, if the record states it.
     files
         Files of the maps.
     """
@@ -80,8 +80,8 @@ def _field(path: Path, max_pixels: int, opened: ExitStack) -> FieldResult:
                 f"{files[name]}: {values.shape[1]} x {values.shape[0]} pixels, but the normals "
                 f"have {width} x {height}: run sgp normals again"
             )
-    metrics, parameters = found.record.metrics, found.record.parameters
-    common, pixel_mm = metrics.get("normal_sigma_common_deg"), parameters.get("pixel_mm")
+    metrics = found.record.metrics
+    common = metrics.get("normal_sigma_common_deg")
     # Without a law of the noise, the map is NaN everywhere.
     has_sigma = isinstance(metrics.get("normal_sigma_deg"), (int, float))
     rows = processing.merging.FieldRows(
@@ -92,5 +92,4 @@ def _field(path: Path, max_pixels: int, opened: ExitStack) -> FieldResult:
         maps.get("normal_sigma_deg") if has_sigma else None,
         float(common) if isinstance(common, (int, float)) else 0.0,
     )
-    scale = float(pixel_mm) if isinstance(pixel_mm, (int, float)) else None
-    return FieldResult(rows, scale, (*present.values(), mask))
+    return FieldResult(rows, found.pixel_mm(), (*present.values(), mask))

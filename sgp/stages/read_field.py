@@ -13,7 +13,6 @@ import rig
 from processing.registration import Field
 from rig.arrays import Float32
 from sgp.cli.exit import UsageError
-from sgp.cli.options import Green
 from sgp.results import ResultRecord
 from sgp.stages.maps import MapInput
 from sgp.stages.result_source import NormalsResult, find_normals, open_source_of
@@ -32,9 +31,9 @@ class FieldInput:
         Size of a pixel on the object; None if it is not known.
     blur_px
         Standard deviation of the blur of the lens; None if it is not known.
-    images
-        Hashes of the images or of the session that the field was computed from; empty if they are
-        not known.
+    sources
+        Hashes of the files of the recording that the field was computed from, such as its images;
+        empty if they are not known.
     files, notices
         The files, and notices about them.
     """
@@ -42,17 +41,18 @@ class FieldInput:
     field: Field
     pixel_mm: float | None
     blur_px: float | None
-    images: frozenset[str]
+    sources: frozenset[str]
     files: list[Path]
     notices: list[rig.Notice]
 
 
-def read_field(path: Path, green: Green, *, pixel_mm: float | None, max_pixels: int) -> FieldInput:
+def read_field(given: MapInput, pixel_mm: float | None) -> FieldInput:
     """Read the normals of a result, and its albedo and error bars if there are any.
 
     ``pixel_mm`` replaces the scale of the recording.
     """
-    read = MapInput(path, green, max_pixels=max_pixels).read()
+    read = given.read()
+    path, max_pixels = given.path, given.max_pixels
     folder, mask = read.files[0].parent, read.normal_map.mask
     files, notices = list(read.files), list(read.warnings)
     albedo: Float32 | None = None
@@ -78,7 +78,7 @@ def read_field(path: Path, green: Green, *, pixel_mm: float | None, max_pixels: 
         field,
         pixel_mm or _pixel_mm(path, found, max_pixels),
         float(blur) if isinstance(blur, (int, float)) else None,
-        _images(found.record),
+        _sources(found.record),
         files,
         notices,
     )
@@ -88,14 +88,13 @@ def _pixel_mm(path: Path, found: NormalsResult, max_pixels: int) -> float | None
     """Return the size of a pixel, None if it is not known."""
     opened = open_source_of(path, found, max_pixels)
     if opened is None:
-        named = found.record.parameters.get("pixel_mm")
-        return float(named) if isinstance(named, (int, float)) else None
+        return found.pixel_mm()
     recording, stated = opened
     unit, size = processing.surface.surface_scale(recording.source.camera, stated)
     return size if unit == "mm" else None
 
 
-def _images(record: ResultRecord) -> frozenset[str]:
+def _sources(record: ResultRecord) -> frozenset[str]:
     source = Path(str(record.parameters.get("source")))
     return frozenset(
         digest

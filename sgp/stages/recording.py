@@ -235,7 +235,7 @@ def with_options(
     def answered(code: str, text: str) -> str:
         option = _OPTIONS.get(code)
         if code == "transfer-curve-doubtful":
-            curve = text.split()[-1].lower()
+            curve = text.rpartition(" ")[2].lower()  # what does not matter has no remedy
             option = f"--gamma {curve}" if curve in ("srgb", "linear") else "--gamma"
         if not option or not text or (disturbed and option in _ESTIMATES):
             return text

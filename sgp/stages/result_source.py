@@ -49,6 +49,16 @@ class NormalsResult:
         found = self.record.metrics.get("mean_height_mm")
         return float(found) if isinstance(found, (int, float)) else 0.0
 
+    def pixel_mm(self) -> float | None:
+        """Return the size of a pixel of the maps, None if no option stated it.
+
+        The option is the size of a pixel of the recording, the maps may be reduced.
+        """
+        size, factor = map(self.record.parameters.get, ("pixel_mm", "downscale"))
+        if not isinstance(size, (int, float)):
+            return None
+        return size * (factor if isinstance(factor, int) else 1)
+
 
 def has_normals(path: Path) -> bool:
     """Return whether a folder is a result with normals."""

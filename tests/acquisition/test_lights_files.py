@@ -124,6 +124,7 @@ def changed(**changes: object) -> str:
             ("c.0.tga",),
             [[-1, 0, 0]],
         ),
+        "comment, name with #": ("# dome one\n1\n#1.jpg 0 0 1\n", ("#1.jpg",), [[0, 0, 1]]),
         "Latin-1 name": (b"1\nM\xfcller.jpg 0 0 1\n", ("M\xfcller.jpg",), [[0, 0, 1]]),
     },
 )
@@ -159,6 +160,7 @@ def test_lp_written(tmp_path: Path) -> None:
         "semicolons": "0;0;1\n0,6;0;0,8\n",
         "commas with spaces and decimal commas": "0, 0, 1\n0,6, 0, 0,8\n",
         "tabs and a heading": "x\ty\tz\n0\t0\t1\n0.6\t0\t0.8\n",
+        "comments": "# lights of 3 May\n0 0 1\n% inner ring\n3 0 4\n",
         "other columns": "# light_z, light_x, light_y\n1,0,0\n0.8,0.6,0\n",
     },
 )
@@ -270,7 +272,7 @@ REFUSED = {
     "lights.csv": {
         "two commas": ("0,6,0,1,0,8\n", "line 1: '0,6,0,1,0,8' is not three"),
         "the same, named": ("a,0,6,0,1,0,8\n", "line 1: 'a,0,6,0,1,0,8' is not"),
-        "angles": ("azimuth,elevation,radius\n10,20,1\n", "line 1: 'azimuth"),
+        "angles": ("azimuth,elevation,radius\n10,20,1\n", "line 1: .* heading with x, y and z"),
         "short": ("x,y,z\n1,0\n", "line 2: '1,0' is not a row with 3 columns"),
         "only a heading": ("x,y,z\n", "line 1: 'x,y,z' is not followed by lights"),
         "one name missing": ("a 0 0 1\n0 1 1\n", "line 2: '0 1 1' has no name"),

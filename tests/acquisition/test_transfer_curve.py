@@ -108,6 +108,7 @@ def test_curves_that_are_refused(make, said: str) -> None:
     [
         pytest.param("0,0\n100,1\n255,10\n", id="commas"),
         pytest.param("0;0\n100 ; 1\n255;10", id="semicolons"),
+        pytest.param("sample;light\n0,0;0\n100;1,0\n255;10", id="decimal commas"),
         pytest.param("0 0\n100\t1\n255   10\n", id="spaces"),
         pytest.param("sample,light\n# measured\n0,0\n\n100,1\n255,10\n", id="header and comment"),
         pytest.param("﻿0,0\r\n1e2,1\r\n255,1e1\r\n", id="of another system"),

@@ -13,6 +13,7 @@ import pytest
 from acquisition import Lights, read_source, write_png
 from processing import reconstruct
 from processing.checks import Verdict
+from processing.recording.pipeline import AmbientChoice
 from rig.arrays import Float64
 from tests.quick_sample import quick
 
@@ -60,13 +61,16 @@ class Recording:
         self.images += rng.normal(0, 0.001, self.images.shape)
 
 
-def verdict_of(recording: Recording, folder: str) -> Verdict:
+def verdict_of(recording: Recording, folder: str, ambient: AmbientChoice = "none") -> Verdict:
     for name, image in zip(recording.lights.ids, recording.images, strict=True):
         level = np.clip(image * SCALE, 0, 1) * 65535
         write_png(f"{folder}/{name}.png", np.rint(level).astype(np.uint16))
     write_png(f"{folder}/mask.png", np.full((HEIGHT, WIDTH), 255, np.uint8))
     source = read_source(folder, lights=recording.lights)
-    return reconstruct(source, pixel_mm=recording.pixel_mm, align="off", surface=False).verdict
+    made = reconstruct(
+        source, pixel_mm=recording.pixel_mm, align="off", surface=False, ambient=ambient
+    )
+    return made.verdict
 
 
 def moved(image: Float64, right: float) -> Float64:
@@ -199,3 +203,23 @@ def test_nothing_is_named_without_a_cause(seed: int, tmp_path: Path) -> None:
     # A tilt of all lights turns all normals, and changes no image of a flat relief.
     assert "lights-tilted" in verdict.not_excluded
     assert set(verdict.least) >= {"ambient-light", "image-shifted", "light-brightness"}
+
+
+def test_distant_lights_are_not_called_near(tmp_path: Path) -> None:
+    """The height of an object adds the same to all pixels: alone, it shows no distance."""
+    recording = Recording(count=12)
+    y, x = np.mgrid[:HEIGHT, :WIDTH].astype(np.float64)
+    dome = np.exp(-((x - 34) ** 2 + (y - 36) ** 2) / 400)
+    height = 12 * dome + 6 * np.exp(-((x - 70) ** 2 + (y - 54) ** 2) / 100)
+    down, right = np.gradient(height)
+    normals = np.dstack([-right, down, np.ones_like(x)])
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    turn, up = 2 * np.pi * np.arange(12) / 12, np.radians(np.resize([65, 35], 12))
+    unit = np.stack([np.cos(up) * np.cos(turn), np.cos(up) * np.sin(turn), np.sin(up)], 1)
+    recording.lights = Lights(directions=unit)
+    shading = np.maximum(np.einsum("nk,hwk->nhw", unit, normals), 0)
+    room = 0.05 + np.random.default_rng(0).normal(0, 0.001, shading.shape)
+    recording.images = (shading * (0.4 + 0.16 * np.sin(x / 9) * np.cos(y / 7)) + room) / SCALE
+    verdict = verdict_of(recording, str(tmp_path), ambient="estimate")
+    assert "lights-not-distant" in verdict.tried
+    assert verdict.answer == "good", verdict.causes

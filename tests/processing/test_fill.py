@@ -89,8 +89,8 @@ def test_missing_parts_join_the_object(rough: NormalMap) -> None:
 @pytest.mark.parametrize(
     ("holes", "options", "message"),
     [
-        pytest.param(np.zeros((9, 9), bool), {}, "map of 120 x 120", id="size"),
-        pytest.param(np.zeros((120, 120)), {}, "holes of float64", id="type"),
+        pytest.param(np.zeros((9, 9), bool), {}, r"120\), not bool of", id="size"),
+        pytest.param(np.zeros((120, 120)), {}, "not float64 of", id="type"),
         pytest.param(np.zeros((120, 120), bool), {}, "is empty", id="empty"),
         pytest.param(np.ones((120, 120), bool), {}, "covers every normal", id="all"),
         pytest.param(disc((120, 120), 60, 60, 40), {}, "more than the", id="too large"),

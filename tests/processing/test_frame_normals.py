@@ -60,7 +60,7 @@ WRONG = {
     "saturation NaN": ({"saturation": np.nan}, "saturation of nan is not above"),
     "gains": ({"gain": [1, 2]}, r"gain of shape \(2,\) does not fit 5 frames"),
     "gain 0": ({"gain": 0}, "not a finite number above 0"),
-    "mask": ({"mask": np.ones((3, 3), bool)}, r"mask of bool and shape \(3, 3\)"),
+    "mask": ({"mask": np.ones((3, 3), bool)}, r"mask must be .* not bool of shape \(3, 3\)"),
     "empty mask": ({"mask": np.zeros((16, 20), bool)}, "no pixel in the region"),
     "maps": ({"out": SMALL}, r"map normals must be .* \(16, 20, 3\)"),
     "method": ({"method": "l2"}, "'l2' is not a method"),

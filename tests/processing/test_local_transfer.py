@@ -257,7 +257,7 @@ def test_the_membrane_removes_the_step() -> None:
             {"pose": Pose((60, 60)), "shape_filter": ShapeFilter(w=60)},
             "larger than the normal map",
         ),
-        "mask size": ({"source_mask": np.ones((3, 3), bool)}, "source mask of bool"),
+        "mask size": ({"source_mask": np.ones((3, 3), bool)}, "source_mask must be bool of shape"),
         "empty": ({"target_mask": np.zeros((120, 120), bool)}, "target's normals do not"),
     },
 )

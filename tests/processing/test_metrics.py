@@ -72,7 +72,7 @@ def test_maps_of_different_sizes_are_refused(call):
 
 def test_a_mask_of_another_size_is_refused():
     for measure in (angular_error, ssim):
-        with pytest.raises(DataError, match="does not fit"):
+        with pytest.raises(DataError, match="mask must be bool of shape"):
             measure(_bumpy(0), _bumpy(1), np.ones((3, 3), bool))
     with pytest.raises(DataError, match="empty"):
         ssim(_bumpy(0), _bumpy(1), np.zeros((40, 50), bool))
@@ -109,6 +109,11 @@ def test_the_papers_protocol_counts_the_background_as_z():
     x, y = (np.where(mask[..., None], m.normals.astype(float), z) for m in (a, b))
     figure = ssim(_masked(a, mask), _masked(b, mask), protocol="paper")
     assert figure == pytest.approx(_reference_ssim(x, y, 0.01, 0.03))
+
+
+def test_an_unknown_protocol_is_refused():
+    with pytest.raises(DataError, match="'Paper' is not a protocol: use masked or paper"):
+        ssim(_bumpy(0), _bumpy(1), protocol="Paper")
 
 
 @pytest.mark.parametrize("protocol", ["masked", "paper"])

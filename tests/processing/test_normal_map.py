@@ -27,8 +27,8 @@ INVALID = {
     "outside": (lambda n, m: (n, _set(m, (2, 2), False)), "row 2, column 2 outside"),
     "empty mask": (lambda n, m: (n * 0, m & False), "empty mask"),
     "two channels": (lambda n, m: (n[..., :2], m), r"\(H, W, 3\)"),
-    "other size": (lambda n, m: (n, m[:-1]), "bool mask of shape"),
-    "mask of bytes": (lambda n, m: (n, m.astype(np.uint8)), "bool mask"),
+    "other size": (lambda n, m: (n, m[:-1]), r"mask must be bool of shape \(4, 5\), not bool of"),
+    "mask of bytes": (lambda n, m: (n, m.astype(np.uint8)), "mask must be bool of"),
 }
 
 
@@ -53,8 +53,11 @@ def test_from_vectors_leaves_out_vectors_without_direction():
     vectors[0, 2] = (np.inf, 0, 1)
     vectors[1, 0] = (0, -1e-100, 0)
     vectors[1, 1] = (0, 0, 7)
+    vectors[1, 2] = (0, 0, 1)
+    given = np.ma.array(vectors)
+    given[1, 2, 0] = np.ma.masked
     mask = np.array([[True, True, True], [True, False, True]])
-    normal_map = NormalMap.from_vectors(vectors, mask)
+    normal_map = NormalMap.from_vectors(given, mask)
     assert normal_map.mask.tolist() == [[True, False, False], [True, False, False]]
     np.testing.assert_allclose(normal_map.normals[0, 0], (0.6, 0, 0.8), atol=1e-7)
     np.testing.assert_array_equal(normal_map.normals[1, 0], (0, -1, 0))

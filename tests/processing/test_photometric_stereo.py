@@ -69,8 +69,8 @@ def test_least_squares_agrees_with_lstsq_over_shadows_and_noise():
     np.testing.assert_allclose(result.residual[mask], rms, atol=1e-6)
 
 
-@pytest.mark.parametrize("missing", [np.nan, np.inf, -np.inf])
-def test_samples_that_are_not_finite_are_left_out(missing):
+@pytest.mark.parametrize("missing", [np.nan, np.inf, -np.inf, "masked"])
+def test_samples_that_are_not_measured_are_left_out(missing):
     normals, mask = _ball(33)
     directions = _dome(9, lowest_deg=30)
     rng = np.random.default_rng(2)
@@ -79,9 +79,11 @@ def test_samples_that_are_not_finite_are_left_out(missing):
     )
     usable = rng.uniform(size=values.shape) > 0.2
     usable[:5] = True
-    result = photometric_stereo(
-        np.where(usable, values, missing), Lights(directions), mask, method="ls"
-    )
+    if missing == "masked":
+        given = np.ma.array(np.where(usable, values, 9), mask=~usable)
+    else:
+        given = np.where(usable, values, missing)
+    result = photometric_stereo(given, Lights(directions), mask, method="ls")
     assert np.array_equal(result.normal_map.mask, mask)
     np.testing.assert_array_equal(result.used[mask], usable.sum(axis=0)[mask])
     for row, column in np.argwhere(mask)[::7]:
@@ -295,8 +297,8 @@ def test_stacks_without_usable_samples_are_refused(value, message):
     [
         pytest.param(np.ones((4, 5, 6)), np.ones((5, 6), bool), "4 images for 5", id="count"),
         pytest.param(np.ones((5, 5, 6, 3)), np.ones((5, 6), bool), "one channel", id="colour"),
-        pytest.param(np.ones((5, 5, 6)), np.ones((6, 5), bool), "does not fit", id="mask-size"),
-        pytest.param(np.ones((5, 5, 6)), np.ones((5, 6)), "does not fit", id="mask-type"),
+        pytest.param(np.ones((5, 5, 6)), np.ones((6, 5), bool), "not bool of", id="mask-size"),
+        pytest.param(np.ones((5, 5, 6)), np.ones((5, 6)), "not float64 of", id="mask-type"),
         pytest.param(np.ones((5, 5, 6)), np.zeros((5, 6), bool), "empty", id="mask-empty"),
     ],
 )

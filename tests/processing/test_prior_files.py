@@ -20,7 +20,7 @@ HEAD = "x_px,y_px,height_mm\n"
     [
         (HEAD + "3,1,0.25\n4,2,0.5\n", (0.25, 0.5), (0.1, 0.1)),
         (
-            "x_px;y_px;height_mm;sigma_mm\r\n3;1;0.25;0.2\r\n4;2;0.5;0.3\r\n",
+            "x_px;y_px;height_mm;sigma_mm\r\n3;1;0,25;0.2\r\n4;2;0,5;0,3\r\n",
             (0.25, 0.5),
             (0.2, 0.3),
         ),

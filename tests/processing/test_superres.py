@@ -276,7 +276,7 @@ def test_a_mask_of_the_higher_resolution_is_used_near_the_map():
     made = super_resolve(low, 4, mask=wanted).normal_map
     near = cv2.dilate(low.mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     np.testing.assert_array_equal(made.mask, wanted & near.repeat(4, 0).repeat(4, 1))
-    with pytest.raises(DataError, match=r"bool of shape \(160, 208\) is required"):
+    with pytest.raises(DataError, match=r"mask must be bool of shape \(160, 208\), not bool of"):
         super_resolve(low, 4, mask=wanted[1:])
     with pytest.raises(DataError, match="has no pixel near"):
         super_resolve(low, 4, mask=np.zeros((160, 208), np.bool_))

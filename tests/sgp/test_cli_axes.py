@@ -42,7 +42,8 @@ COMMANDS = {
     "sheet of detail": ("detail synthesize --is-detail", "--size 64x64 --patch 16", "--green down"),
     "target": ("detail synthesize up --patch 16 --onto", "", "--target-green down"),
     "properties": ("detail properties", "", "--green down"),
-    "compare": ("compare up", "", "--green down"),
+    "compare A": ("compare", "up", "--green down"),
+    "compare B": ("compare up", "", "--green-b down"),
     "curvature": ("curvature", "", "--green down"),
     "surface": ("surface", "", "--green down"),
 }
@@ -72,6 +73,12 @@ def test_a_map_with_green_down_is_named(
         assert "--" not in found[0]["text"]
     else:
         assert found[0]["text"].endswith(f"if green is the other way round, {option}")
+
+
+def test_maps_of_both_conventions_are_compared(sgp, maps: Path) -> None:
+    words = ("compare", maps / "down", maps / "up", "--green", "down", "--green-b", "up", "--json")
+    assert sgp(*words).figures()["mae_deg"] < 1e-3
+    assert sgp(*words[:-3], "--json").figures()["mae_deg"] > 10
 
 
 def test_swapped_channels_are_the_only_cause_that_is_named(

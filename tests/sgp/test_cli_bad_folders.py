@@ -144,6 +144,12 @@ def lp_without_an_image(folder):
                 instead(b"<html>404</html>"), 4, ["ball.3.png", "web page"], id="web page"
             ),
             pytest.param(instead(GIF), 4, ["ball.3.png", "a GIF file"], id="GIF renamed"),
+            pytest.param(
+                instead(b"MATLAB 5.0 MAT-file".ljust(124) + b"\0\1IM"),
+                4,
+                ["ball.3.png", "it is a MAT-file"],
+                id="MAT-file renamed",
+            ),
             pytest.param(instead(HEIC), 4, ["ball.3.png", "a HEIF image"], id="HEIF renamed"),
             pytest.param(instead(bytes(900)), 4, ["ball.3.png", "no supported"], id="zeros"),
             pytest.param(huge, 4, ["ball.3.png", "copy it again"], id="huge header"),

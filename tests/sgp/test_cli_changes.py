@@ -2,14 +2,16 @@
 
 import csv
 import json
+import shutil
 
 import cv2
 import numpy as np
 import pytest
 
-from acquisition import read_image, write_exr
+from acquisition import read_image, write_exr, write_png
 from benchmarks.relief_fields import View, relief, seen, write_field
 from processing import NormalMap, write_normals
+from tests.sgp.conftest import ball
 
 SIZE = 200, 260
 SIGMA = 0.004
@@ -150,10 +152,20 @@ def test_scales_that_contradict_each_other(sgp, scaled):
 
 
 def test_two_results_of_one_recording_are_refused(sgp, recording, tmp_path):
-    """With other options, their noise is still the same."""
-    words = ("normals", recording, "--lights", tmp_path / "lights.json", "--method")
-    for method in ("ls", "cauchy"):
-        sgp(*words, method, "--out", tmp_path / method).ok()
-    names = tmp_path / "ls", tmp_path / "cauchy"
-    compared = sgp("compare", *names, "--register", "--significance", "--out", tmp_path / "out")
-    assert "from the same images" in compared.error_line(4)
+    """With other options, their noise is still the same; a recording after it may have its mask."""
+    mask = np.full(ball()[1].shape, 255, np.uint8)
+    write_png(recording / "mask.png", mask)
+    later = shutil.copytree(recording, tmp_path / "later")
+    for path in later.glob("ball.*"):
+        write_png(path, read_image(path) // 2)
+    runs = {"first": (recording, "ls"), "again": (recording, "cauchy"), "later": (later, "ls")}
+    for name, (source, method) in runs.items():
+        words = ("normals", source, "--lights", tmp_path / "lights.json", "--method", method)
+        sgp(*words, "--out", tmp_path / f"of {name}").ok()
+
+    def compared(name):
+        words = "--register", "--significance", "--out", tmp_path / "out"
+        return sgp("compare", tmp_path / "of first", tmp_path / f"of {name}", *words)
+
+    assert "from the same images" in compared("again").error_line(4)
+    assert "from the same images" not in compared("later").err

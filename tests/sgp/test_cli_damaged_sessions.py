@@ -36,6 +36,13 @@ def test_verify_names_the_frame_that_one_bit_changed(sgp, recorded):
     assert "L03_E0.tif" in problems[0]
 
 
+def test_a_frame_that_is_not_there_is_named(sgp, recorded, tmp_path):
+    frame = recorded / "frames" / "L03_E0.tif"
+    frame.unlink()
+    line = sgp("normals", recorded, "--out", tmp_path / "out").error_line(4)
+    assert line == f"error: {frame}: is missing: restore it"
+
+
 def flip(path):
     data = path.read_bytes()
     path.write_bytes(data[:-1] + bytes([data[-1] ^ 1]))

@@ -62,6 +62,13 @@ def test_a_whole(sgp, place: Path) -> None:
     sgp("verify", "whole").ok()
 
 
+def test_the_pixels_of_reduced_fields_have_their_size(sgp, place: Path) -> None:
+    record = place / "A" / "normals.json"
+    halves = '"pixel_mm": 0.025, "downscale": 2'
+    record.write_text(record.read_text().replace('"pixel_mm": 0.05', halves))
+    assert sgp("merge", *"AB", "--out", "whole", "--json").figures()["pixel_mm"] == 0.05
+
+
 def test_an_interrupted_merge_continues_in_bands(sgp, bands, place: Path, monkeypatch) -> None:
     """In files and in memory, the whole is the same."""
     monkeypatch.setattr("processing.merging.fusion._ROWS", 64)

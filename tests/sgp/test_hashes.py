@@ -107,8 +107,8 @@ def test_each_command_begins_anew(file) -> None:
     assert status_when_read(file) is None
 
 
-def test_a_missing_file_that_was_never_read_is_an_ordinary_error(tmp_path) -> None:
-    with files_read(), pytest.raises(FileNotFoundError):
+def test_a_missing_file_that_was_never_read_is_named(tmp_path) -> None:
+    with files_read(), pytest.raises(DataError, match="none: is missing: restore it"):
         input_hashes([tmp_path / "none"])
 
 

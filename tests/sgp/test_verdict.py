@@ -357,6 +357,7 @@ CURVE = Cause("transfer-curve-doubtful", "read as linear", remedy="state the tra
             ["repeat in the dark"],
         ),
         "a curve": (verdict(CURVE), ["state the transfer curve: sRGB (--gamma srgb)"]),
+        "a curve without effect": (verdict(replace(CURVE, remedy="")), [""]),
         "without an option": (verdict(GAIN), ["calibrate again"]),
     },
 )

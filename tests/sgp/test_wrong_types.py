@@ -36,9 +36,33 @@ CASES = {
     "reconstruct a path": (lambda: processing.reconstruct("x"), "must be a Source, not a str: acq"),
     "stack of a path": (lambda: calibration.linear_stack("x"), "source must be a Source"),
     "raw values": (lambda: processing.photometric_stereo(BYTES, LIGHTS, MASK), f"values {RAW}"),
+    "masked frames": (
+        lambda: processing.normals_of_frames(np.ma.array(BYTES), LIGHTS),
+        r"not be a masked array: give frames.filled\(saturation\)",
+    ),
+    "maps as an array": (
+        lambda: processing.normals_of_frames(BYTES, LIGHTS, out=FACING),
+        "out must be a StereoMaps",
+    ),
+    "filter by name": (
+        lambda: processing.separate(MAP, shape_filter="box"),
+        "shape_filter must be a ShapeFilter",
+    ),
+    "transfer by name": (
+        lambda: processing.transfer(MAP, MAP, shape_filter="box"),
+        "shape_filter must be a ShapeFilter",
+    ),
+    "camera by path": (
+        lambda: processing.integrate(MAP, camera="camera.json"),
+        "camera must be a CameraModel, not a str: acquisition.read_camera",
+    ),
     "plain directions": (
         lambda: processing.photometric_stereo(BYTES.astype(float), np.eye(3), MASK),
         r"lights must be a Lights, not a ndarray: Lights\(directions\)",
+    ),
+    "vectors of an image": (
+        lambda: NormalMap.from_vectors(BYTES.reshape(20, 20, 3)),
+        r"from -1 to 1, not uint8, which encodes them: read_normals\(path\)",
     ),
     "mask of raw values": (lambda: processing.maps.object_mask(BYTES), f"values {RAW}"),
     "spheres in raw values": (lambda: calibration.calibrate_spheres(BYTES), f"stack {RAW}"),
