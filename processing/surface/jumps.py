@@ -38,7 +38,7 @@ _SETTLED_QUANTILE = 0.9
 _WIDTHS_PX = (4.0, 2.0, 1.0, 0.5)
 # Searches with resampled evidence; and the contradiction of a surface that is clearly better than
 # their median, relative to that of the median.
-_SEARCHES, _CLEARLY = 7, 0.97
+_SEARCHES, _CLEARLY = 7, 0.95
 # The first surfaces are enough if they differ by more than this, in pixels, on a smaller share.
 _FEWEST, _APART_PX, _APART_SHARE = 3, 0.5, 0.01
 # In a map with more pixels, pieces are searched in one of half the size.
