@@ -54,7 +54,7 @@ class SurfaceStage:
     >>> from processing.surface import SurfaceStage
     >>> need = SurfaceStage().need((8944, 11180))
     >>> f"{need.whole / 1e9:.1f} GB as a whole, {need.least / 1e9:.1f} GB in blocks"
-    '23.8 GB as a whole, 2.2 GB in blocks'
+    '14.3 GB as a whole, 2.1 GB in blocks'
     """
 
     name: ClassVar = "surface"
