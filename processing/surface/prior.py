@@ -48,10 +48,10 @@ class HeightPrior:
 
     def __post_init__(self) -> None:
         known = self.known
-        if self.height.ndim != 2 or self.sigma.shape != self.height.shape:
+        if self.height.ndim != 2 or np.shape(self.sigma) != self.height.shape:
             raise DataError(
-                f"heights of shape {self.height.shape} and deviations of shape {self.sigma.shape} "
-                "do not fit"
+                f"heights of shape {self.height.shape} and deviations of shape "
+                f"{np.shape(self.sigma)} do not fit"
             )
         if not known.any():
             raise DataError("the prior contains no height")

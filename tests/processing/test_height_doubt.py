@@ -259,9 +259,11 @@ REFUSED: dict[str, tuple[Callable[[], dict[str, object]], str]] = {
     "outside the mask": (lambda: {"prior": at(8, 500)}, "inside the mask"),
     "empty": (lambda: {"prior": mapped(np.full((9, 9), np.nan))}, "contains no height"),
     "no deviation": (lambda: {"prior": mapped(np.ones((9, 9)), 0)}, "no positive standard dev"),
+    "one deviation": (lambda: {"prior": HeightPrior(ONES, 0.5)}, "deviations of shape .. do not"),
     "other shape": (lambda: {"prior": mapped(np.ones((4, 9)))}, "same area"),
     "nan": (lambda: {"prior": at(1, np.nan)}, "not valid numbers"),
 }
+ONES = np.ones((9, 9), np.float32)
 NARROW = CameraModel(np.diag([100.0, 100, 1]), 9, 9, 400.0)
 
 
