@@ -19,12 +19,12 @@ from near_heights import images, rendered
 from acquisition import Lights
 from calibration import EstimateError
 from processing import photometric_stereo
-from processing.checks import light_strengths
 from processing.images.viewing_rays import Perspective
 from processing.near import NearHeight
 from processing.near.near_height import near_height
 from processing.noise import normal_uncertainty
 from processing.noise.normal_errors import STRUCTURED
+from processing.series import light_strengths
 
 MATTE = (
     "coin", "tilted-plane", "sphere", "scales", "woodcarving", "leather", "textile", "plane",

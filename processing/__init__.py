@@ -58,7 +58,7 @@ Heights and meshes::
     Geometry                 a mesh or a point cloud
 
 Namespaces: changes, checks, colour, curvatures, detail, maps, merging, meshes, near, noise,
-projection, recording, registration, relight, roughness, stages, stereo, superres, surface,
+projection, recording, registration, relight, roughness, series, stages, stereo, superres, surface,
 synthesis.
 """
 

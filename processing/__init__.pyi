@@ -13,6 +13,7 @@ from . import recording as recording
 from . import registration as registration
 from . import relight as relight
 from . import roughness as roughness
+from . import series as series
 from . import stages as stages
 from . import stereo as stereo
 from . import superres as superres

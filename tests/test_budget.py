@@ -18,7 +18,7 @@ BUDGET = {
     "rig": (4250, 48, 69),
     "acquisition": (15900, 66, 158),
     "calibration": (10730, 30, 90),
-    "processing": (27130, 65, 246),
+    "processing": (27130, 65, 247),
     "simulator": (9050, 28, 77),
     "sgp": (18500, 0, 177),
 }

@@ -1,8 +1,6 @@
 from .explanation import Explanation as Explanation
 from .quality import ImageQuality as ImageQuality
 from .quality import image_quality as image_quality
-from .strengths import LightStrengths as LightStrengths
-from .strengths import light_strengths as light_strengths
 from .verdict import MISSING_DEG as MISSING_DEG
 from .verdict import Answer as Answer
 from .verdict import Cause as Cause

@@ -11,11 +11,11 @@ import numpy as np
 
 from acquisition import Lights
 from calibration import EstimateError
-from processing.checks.strength_fit import fit_strengths
 from processing.images.coarse_images import CoarseImages, coarse_images
 from processing.images.recorded_images import Images
 from processing.images.viewing_rays import View
 from processing.noise.reference_solver import correlation_of_neighbours
+from processing.series.strength_fit import fit_strengths
 from processing.stereo.frames import Frames
 from processing.stereo.light_model import LightModel
 from processing.stereo.method import Method

@@ -50,7 +50,7 @@ from processing.noise.tile_reference import (
     write_residuals,
     write_shared,
 )
-from processing.stereo.pixel_algebra import ANY_ORDER, IN_PLACE, MAX_CONDITION
+from processing.stereo.pixel_algebra import IN_PLACE, MAX_CONDITION, normal_equations
 from rig.arrays import Float32, Float64, Int64, Intp, UInt8, UInt16
 
 # Compiled in: processing/noise/light_table.py 90076fc2e8e0
@@ -69,27 +69,6 @@ _LEAST_DETERMINANT = 1 / (3**3 * _CONDITION2**2)
 # normalised residuals, their degrees of freedom, what a reflectance leaves of the sum, sum of the
 # products with the residuals of a neighbour, and their degrees of freedom.
 PARTS = 9
-
-
-@numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
-def _normal_equations(count: int, samples: Float32, weight: Float32, sums: Float64) -> None:
-    """Write the 6 sums of the matrix and the 3 of the right-hand side."""
-    v, lx, ly, lz = samples[0], samples[1], samples[2], samples[3]
-    a00 = a01 = a02 = a11 = a12 = a22 = b0 = b1 = b2 = 0.0
-    for k in range(count):
-        x, y, z = lx[k], ly[k], lz[k]
-        wx, wy, wz = weight[k] * x, weight[k] * y, weight[k] * z
-        a00 += wx * x
-        a01 += wx * y
-        a02 += wx * z
-        a11 += wy * y
-        a12 += wy * z
-        a22 += wz * z
-        b0 += wx * v[k]
-        b1 += wy * v[k]
-        b2 += wz * v[k]
-    sums[0], sums[1], sums[2], sums[3], sums[4], sums[5] = a00, a01, a02, a11, a12, a22
-    sums[6], sums[7], sums[8] = b0, b1, b2
 
 
 @numba.njit(**IN_PLACE, error_model="numpy")
@@ -160,7 +139,7 @@ def _pixel(
             scale, lit, dim = judged(count, v, dark, step, least, scale, scratch, index, kinds)
         if lit < 3:
             return False
-        _normal_equations(count, samples, weight, sums)
+        sums[:] = normal_equations(count, samples, weight)
         if not _inverted(sums, inverse):
             for k in range(count):
                 if kinds[index[k]] == LIT and v[k] <= dark:
@@ -191,7 +170,7 @@ def _pixel(
     if errors:
         for k in range(count):
             weight[k] *= weight[k] * samples[6, k]
-        _normal_equations(count, samples, weight, sums)
+        sums[:] = normal_equations(count, samples, weight)
         for i in range(6):
             inner[i] = sums[i]
         of_lights = min(tangent_trace(inverse, m, inner) / length2, total)

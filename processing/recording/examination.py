@@ -14,12 +14,6 @@ from acquisition import Lights, Source
 from calibration import EstimateError, Stack
 from processing.checks import limits
 from processing.checks.quality import Examined, ImageQuality, quality_of
-from processing.checks.strengths import (
-    LightStrengths,
-    light_strengths,
-    of_source,
-    with_strengths,
-)
 from processing.checks.verdict import Verdict
 from processing.images.mosaic import blocks_of_sites
 from processing.images.recorded_images import Images, RecordedImages, RowSample
@@ -38,6 +32,12 @@ from processing.recording.repairs import Repairs, repairs_of
 from processing.series.ambient_light import AmbientLight, find_ambient_light
 from processing.series.interreflection import find_interreflection
 from processing.series.light_distance import LightDistance, find_light_distance
+from processing.series.strengths import (
+    LightStrengths,
+    light_strengths,
+    of_source,
+    with_strengths,
+)
 from processing.stereo.frames import Frames
 from processing.stereo.light_model import LightModel
 from processing.stereo.method import Method

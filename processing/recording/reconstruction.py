@@ -11,7 +11,6 @@ import numpy as np
 from acquisition import Lights, MapRows, Source
 from acquisition.files import BandStore, ComputedRows, MemoryMaps, rows_in_bands
 from processing.checks.quality import ImageQuality
-from processing.checks.strengths import LightStrengths
 from processing.checks.verdict import Verdict
 from processing.maps.metrics import AngularError
 from processing.maps.normal_map import NormalMap
@@ -29,6 +28,7 @@ from processing.noise.pixel_variances import ALIKE, UNIFORM, Origin
 from processing.noise.sample_kind import SampleKind
 from processing.series.ambient_light import AmbientLight
 from processing.series.light_distance import LightDistance
+from processing.series.strengths import LightStrengths
 from processing.surface.height_map import HeightMap
 from rig import Notice
 from rig.arrays import AnyArray, Bool, Float32, UInt16

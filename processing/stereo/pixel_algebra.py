@@ -136,13 +136,10 @@ def _solve(
 
 
 @numba.njit(**IN_PLACE, fastmath=ANY_ORDER)
-def weighted_solution(
+def normal_equations(
     count: int, usable: Float32, weight: Float32
-) -> tuple[bool, float, float, float]:
-    """Solve ``v = l . m`` by weighted least squares over the first ``count`` samples.
-
-    Returns whether the lights determine ``m``, and its three components. Sums are float64.
-    """
+) -> tuple[float, float, float, float, float, float, float, float, float]:
+    """Return the 6 sums of the matrix and the 3 of the right-hand side of least squares."""
     v, lx, ly, lz = usable[0], usable[1], usable[2], usable[3]
     a00 = a01 = a02 = a11 = a12 = a22 = b0 = b1 = b2 = 0.0
     for k in range(count):
@@ -157,6 +154,18 @@ def weighted_solution(
         b0 += wx * v[k]
         b1 += wy * v[k]
         b2 += wz * v[k]
+    return a00, a01, a02, a11, a12, a22, b0, b1, b2
+
+
+@numba.njit(**IN_PLACE, fastmath=ANY_ORDER)
+def weighted_solution(
+    count: int, usable: Float32, weight: Float32
+) -> tuple[bool, float, float, float]:
+    """Solve ``v = l . m`` by weighted least squares over the first ``count`` samples.
+
+    Returns whether the lights determine ``m``, and its three components. Sums are float64.
+    """
+    a00, a01, a02, a11, a12, a22, b0, b1, b2 = normal_equations(count, usable, weight)
     solution: tuple[bool, float, float, float] = _solve(a00, a01, a02, a11, a12, a22, b0, b1, b2)
     return solution
 

@@ -34,6 +34,9 @@ _LEAST_WEIGHT = 0.03
 # In comparisons with a smooth surface, which spreads what it contradicts over many edges, an edge
 # that is contradicted by so many deviations counts half.
 _CONTRADICTING_DEVIATIONS = 3.0
+# A known height that is missed by n deviations counts as this many contradicted edges times n^2: a
+# jump without evidence is about as rare as a height that is 4 deviations wrong.
+_EDGES_PER_SQUARE = 0.06
 # Deviation of the residuals of a surface from normals with white noise, relative to the edges'.
 _LEFT = 0.72
 # The surface stands still when it moves by less, on average over all pixels, in pixels.
@@ -92,8 +95,6 @@ class Alternation:
         ``(H+2, W+2)`` float32 factors of the weights of edges, from the deviations of normals.
     held
         Known heights.
-    start
-        ``(H+2, W+2)`` first surface; default: 0.
     continuity
         ``(H+2, W+2)`` probabilities that edges are continuous, which multiply their weights.
     """
@@ -104,7 +105,6 @@ class Alternation:
     scale: float = 1.0
     factors: Pair | None = None
     held: Anchors | None = None
-    start: Float64 | None = None
     continuity: Pair | None = None
 
     def shares(self, u: Float64) -> Pair:
@@ -131,9 +131,7 @@ class Alternation:
             ``(H+2, W+2)`` surface to improve in the last rounds only. It is changed.
         """
         right, down = edges = self.edges[:2]
-        u = np.zeros(right.shape) if self.start is None else self.start
-        # The start serves several times.
-        u = u.copy() if after is None else after
+        u = np.zeros(right.shape) if after is None else after
         weights = np.zeros_like(right), np.zeros_like(down)
         last = self.continuity or (np.ones_like(right),) * 2
         first = last if even is None else (last[0] * even[0], last[1] * even[1])
@@ -203,8 +201,13 @@ class Alternation:
             for axis, edges in enumerate(each)
         )
 
-    def improves(self, u: Float64, smooth: Float64, evidence: JumpEvidence) -> bool:
-        """Return whether a surface contradicts the edges less than a smooth one, beyond noise."""
+    def improves(
+        self, u: Float64, smooth: Float64, evidence: JumpEvidence, known: Anchors | None
+    ) -> bool:
+        """Return whether a surface contradicts edges and known heights less than a smooth one.
+
+        What noise explains does not count.
+        """
         sums: list[float] = []
         width2 = 0.0
         for surface in (u, smooth):
@@ -216,6 +219,8 @@ class Alternation:
             squares = [residual * residual for residual in residuals]
             terms = zip(evidence.witness, squares, strict=True)
             sums.append(sum(float((w * r2 / (r2 + width2)).sum()) for w, r2 in terms))
+            if known is not None:
+                sums[-1] += _EDGES_PER_SQUARE * known.misfit(surface)
         return sums[0] < sums[1]
 
     def _imbalance(self, weights: Pair, u: Float64) -> Float64:

@@ -14,7 +14,7 @@ from processing.surface.multigrid_kernels import add_anchors
 from processing.surface.prior import HeightPrior
 from processing.surface.prior_outliers import prior_outliers
 from processing.surface.scale import Scale
-from rig import Notice, Progress, no_progress, pluralize
+from rig import Notice, pluralize
 from rig.arrays import Bool, Float32, Float64, Int32
 
 # Heights that are known in fewer pixels do not show in which unit they are; few only if they are
@@ -56,10 +56,24 @@ class Anchors:
         with np.errstate(divide="ignore"):
             return np.asarray(np.sqrt(self.variance / self.weights.astype(np.float64)), np.float64)
 
+    def misfit(self, u: Float64) -> float:
+        """Return the sum of squares of the differences from a surface, in standard deviations."""
+        return float((self.weights * np.square(self.target - u)).sum() / self.variance)
+
     @property
     def load(self) -> Float64:
         """What they add to the right-hand side."""
         return self.weights * self.target
+
+    def moved(self, u: Float64, parts: Int32) -> Float64:
+        """Return a surface that is moved to the mean of the heights in each part with any."""
+        inside = parts >= 0
+        members, weights = parts[inside], self.weights[inside].astype(np.float64)
+        sums = np.bincount(members, weights * (self.target - u)[inside])
+        totals = np.bincount(members, weights)
+        found = u.copy()
+        found[inside] += np.divide(sums, totals, out=np.zeros_like(sums), where=totals > 0)[members]
+        return found
 
     def add(self, u: Float64, product: Float64) -> None:
         """Add what they add to the product of the Laplacian and ``u``."""
@@ -120,80 +134,59 @@ def anchors(
     return Anchors(weights, target, variance)
 
 
-def solve_anchored(
-    right: Float32,
-    down: Float32,
-    b: Float64,
-    labels: Int32,
-    held: Anchors,
-    *,
-    leave_out: bool,
-    on_progress: Progress = no_progress,
+def anchored(
+    weights: tuple[Float32, Float32], first: Solution, parts: Int32, pieces: Int32, held: Anchors
 ) -> tuple[Solution, Float64, Anchors, tuple[Drift, Float64] | None]:
-    """Solve L u = b with and without anchors.
+    """Return a surface that is held at known heights.
 
-    The surface without anchors is moved to them, part by part; if they show that it drifts, it is
-    tilted and bent, and so are its steps. The change that remains is small and smooth, and its
-    residual is not dominated by fixed heights.
+    The surface is moved to them, part by part; if they show that it drifts, it is tilted and bent.
+    The change that remains is small and smooth.
 
     Parameters
     ----------
-    right, down, b, on_progress
-        As for `processing.surface.multigrid.solve`, without anchors.
-    labels
-        ``(H+2, W+2)`` part of each pixel, -1 for a pixel without edges.
+    weights
+        ``(H+2, W+2)`` weights of the edges to the right and down.
+    first
+        The surface without known heights.
+    parts, pieces
+        ``(H+2, W+2)`` part of each pixel, and piece between jumps; -1 for a pixel without edges.
     held
-        The known heights.
-    leave_out
-        Whether isolated gross errors among them are left out, see `prior_outliers`.
+        The known heights. Isolated gross errors in a piece are left out, see `prior_outliers`.
 
     Returns
     -------
     Solution
-        The solution with anchors.
+        The surface.
     free
-        ``(H+2, W+2)`` solution without them, moved to their mean in each part that has any.
+        ``(H+2, W+2)`` surface without them, moved to their mean in each part that has any.
     held
         The known heights that were used.
     drift
         How the surface drifts from them, and the drift ``(H+2, W+2)``; None if it does not.
     """
-    first = solve(right, down, b, on_progress=on_progress)
     off = np.where(held.weights > 0, held.target - first.u, np.nan)
-    if leave_out:
-        outliers = prior_outliers(off, held.spread, labels)
-        held = replace(held, weights=np.where(outliers, np.float32(0), held.weights))
-        off[outliers] = np.nan
-    inside = labels >= 0
-    members, weights = labels[inside], held.weights[inside].astype(np.float64)
-    sums = np.bincount(members, weights * (held.target - first.u)[inside])
-    totals = np.bincount(members, weights)
-    free = first.u.copy()
-    free[inside] += np.divide(sums, totals, out=np.zeros_like(sums), where=totals > 0)[members]
-    product = np.zeros_like(b)
+    outliers = prior_outliers(off, held.spread, pieces)
+    held = replace(held, weights=np.where(outliers, np.float32(0), held.weights))
+    off[outliers] = np.nan
+    free = held.moved(first.u, parts)
     # Heights of another unit or sign are no evidence of a drift.
-    drift = None if _doubtful(held, free) else Drift.found(off, held.weights, labels)
-    u = free.copy()
+    drift = None if _doubtful(held, free) else Drift.found(off, held.weights, pieces)
+    u = free
     if drift is not None:
         bend = drift.of(off)
-        u = np.where(bend == 0, free, first.u + bend)
-        apply_laplacian(right, down, bend, product)
-        b = b + product
-    load = b + held.load
-
-    def residual(u: Float64) -> Float64:
-        apply_laplacian(right, down, u, product)
-        held.add(u, product)
-        return np.asarray(load - product, np.float64)
-
+        u = held.moved(first.u + bend, parts)
+    # The residual of the change is not dominated by fixed heights.
     fixed = held.weights > 0
-    diagonal = diagonal_of(right, down, held.weights)
-    u[fixed] += residual(u)[fixed] / diagonal[fixed]
-    left = residual(u)
-    change = solve(right, down, left, anchors=held.weights)
+    left = held.weights * (held.target - u)
+    start = np.zeros_like(u)
+    start[fixed] = left[fixed] / diagonal_of(*weights, held.weights)[fixed]
+    product = np.zeros_like(u)
+    apply_laplacian(*weights, start, product)
+    held.add(start, product)
+    change = solve(*weights, left - product, anchors=held.weights)
     return (
         Solution(
-            u + change.u,
+            u + start + change.u,
             first.iterations + change.iterations,
             max(first.relative_residual, change.relative_residual),
             converged=first.converged and change.converged,

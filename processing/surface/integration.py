@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from acquisition import CameraModel, DataError, MapRows
 from calibration import EstimateError
 from processing.maps.mask import bounding_box
 from processing.maps.normal_map import NormalMap, check_normal_map
-from processing.surface.anchors import anchors, doubts_of_prior, drift_notice, solve_anchored
+from processing.surface.anchors import anchored, anchors, doubts_of_prior, drift_notice
 from processing.surface.chord_rule import ChordRule
 from processing.surface.consistency import StepAngles, consistency_warning, some_steps
 from processing.surface.edge_certainty import certainties, variances
@@ -169,23 +170,23 @@ def integrate(
         del normals
     del chords, right, down, step_right, step_down, steps
     jumps = free = drift = None
-    if held is not None:
-        # Jumps that the normals do not show look like errors of known heights.
-        solution, free, held, drift = solve_anchored(
-            *weights, b, labels, held, leave_out=problem is None, on_progress=on_progress
-        )
-    elif not discontinuity:
+    used = held
+    if held is not None or not discontinuity:
         solution = solve(*weights, b, on_progress=on_progress)
     del b
+    if held is not None:
+        solution, free, used, drift = anchored(weights, solution, labels, labels, held)
     if problem is not None:
+        jumping, jumps, own_weights = replace(problem, known=held).solved(on_progress)
         if held is not None:
-            problem = problem.held_at(held, solution.u)
-        if drift is not None:
-            problem = problem.bent(drift[1])
-        jumping, jumps, own_weights = problem.solved(on_progress)
-        if discontinuity or problem.improves(jumping.u, solution.u):
+            apart = np.pad(jumps.pieces, 1, constant_values=-1)
+            around = anchored(own_weights, jumping, labels, apart, held)
+            jumping = around[0]
+        if discontinuity or problem.improves(jumping.u, solution.u, held):
             solution, weights = jumping, own_weights
             jumps = jumps.placed(window, normal_map.size)
+            if held is not None:
+                _, free, used, drift = around
         else:
             jumps = None
     del problem
@@ -194,8 +195,8 @@ def integrate(
     mask = parts >= 0
     members = parts[mask]
     known = np.zeros(count, bool)
-    if held is not None:
-        known[labels[held.weights > 0]] = True
+    if used is not None:
+        known[labels[used.weights > 0]] = True
     near = None if depth_mm is None else depth_mm[mask].astype(np.float64)
     found = placed(solution.u[labels >= 0], members, near, known, scale)
     height = np.full(normal_map.size, np.nan, np.float32)
@@ -229,7 +230,7 @@ def integrate(
             variances=variance * relative[window],
             common_deg=common,
             variance=variance,
-            held=held,
+            held=used,
             drift=None if drift is None else drift[0],
             guesses=guesses,
             on_progress=on_progress,
@@ -242,10 +243,10 @@ def integrate(
         *doubts_of_solution(solution),
         *consistency_warning(angles, shape, smooth=jumps is None),
     ]
-    if prior is not None and held is not None and free is not None:
-        used = np.zeros_like(mask)
-        used[window] = held.weights[1:-1, 1:-1] > 0
-        notices += doubts_of_prior(prior, height, scale.unit, held, used, free)
+    if prior is not None and used is not None and free is not None:
+        counts = np.zeros_like(mask)
+        counts[window] = used.weights[1:-1, 1:-1] > 0
+        notices += doubts_of_prior(prior, height, scale.unit, used, counts, free)
         if drift is not None:
             notices.append(drift_notice(drift[1], labels, scale))
     return HeightMap(

@@ -20,6 +20,7 @@ from processing.surface.chord_rule import ChordRule
 from processing.surface.grid_graph import label_parts
 from processing.surface.jump_evidence import JumpEvidence, Pair, jump_evidence
 from processing.surface.jump_resampling import median_surface, random_weights
+from processing.surface.known_pieces import moved_to_known
 from processing.surface.multigrid import Solution
 from processing.surface.normal_turns import evenness
 from processing.surface.placement import placed
@@ -55,6 +56,9 @@ _PIECE_TRUST = 0.7
 # Smaller pieces, in pixels and relative to all pixels, are crumbs at the jumps.
 _SMALLEST_PIECE = 50
 _SMALLEST_SHARE = 1e-3
+# Weight, relative to edges, of the heights of all pixels of a surface that is held at another one:
+# it holds the surface over 100 pixels and more.
+_HELD = np.float32(1e-4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,8 +140,8 @@ class JumpProblem:
         The normals, as steps between pixels.
     evidence
         What they say about jumps.
-    bend
-        ``(H+2, W+2)`` surface that was added to that of the normals, see `bent`.
+    known
+        Known heights, to which the pieces are moved; the normals decide where the surface jumps.
     """
 
     normals: Float32
@@ -145,7 +149,7 @@ class JumpProblem:
     chords: ChordRule
     alternation: Alternation
     evidence: JumpEvidence
-    bend: Float64 | None = None
+    known: Anchors | None = None
 
     @classmethod
     def of(
@@ -199,26 +203,19 @@ class JumpProblem:
         )
         return cls(normals, mask, chords, alternation, evidence)
 
-    def held_at(self, held: Anchors, start: Float64) -> JumpProblem:
-        """Return the problem with known heights and a first surface."""
-        return replace(self, alternation=replace(self.alternation, held=held, start=start))
-
-    def bent(self, bend: Float64) -> JumpProblem:
-        """Return the problem with a surface ``(H+2, W+2)`` added to that of the normals."""
-        right, down, *steps = self.alternation.edges
-        to_right, to_down = (step.copy() for step in steps)
-        to_right[:, :-1] += np.where(right[:, :-1] > 0, np.diff(bend, axis=1), 0)
-        to_down[:-1] += np.where(down[:-1] > 0, np.diff(bend, axis=0), 0)
-        edges = right, down, to_right, to_down
-        return replace(self, alternation=replace(self.alternation, edges=edges), bend=bend)
+    def near(self, u: Float64) -> JumpProblem:
+        """Return the problem of a surface that is held weakly at another one everywhere."""
+        right, down = self.alternation.edges[:2]
+        weights = np.where(right + down > 0, _HELD, np.float32(0))
+        return replace(self, alternation=replace(self.alternation, held=Anchors(weights, u)))
 
     def contradiction(self, u: Float64) -> float:
         """Return about the weight of the edges that a surface contradicts by half a pixel."""
         return self.alternation.contradiction(u, self.evidence)
 
-    def improves(self, u: Float64, smooth: Float64) -> bool:
-        """Return whether a surface contradicts the normals less than a smooth one, beyond noise."""
-        return self.alternation.improves(u, smooth, self.evidence)
+    def improves(self, u: Float64, smooth: Float64, known: Anchors | None = None) -> bool:
+        """Return whether a surface contradicts normals and heights less than a smooth one."""
+        return self.alternation.improves(u, smooth, self.evidence, known)
 
     def solved(self, on_progress: Progress = no_progress) -> tuple[Solution, Jumps, Pair]:
         """Return the surface under the last weights, where it jumps, and these weights.
@@ -247,12 +244,12 @@ class JumpProblem:
         is given.
         """
         if coarse is not None and coarse.cell == self.chords.cell:
-            found = self.alternation.solved(after=np.pad(coarse.u, 1))
+            found = self._late(np.pad(coarse.u, 1))
             return found, found.iterations
         if coarse is None and self.mask.size <= _LARGEST_SEARCH:
             return self._searched()
         u, iterations = self._from_half(coarse)
-        found = self.alternation.solved(after=u)
+        found = self._late(u)
         return found, iterations + found.iterations
 
     def judged(self, u: Float64) -> tuple[Bool, Bool, Float32, Int32]:
@@ -273,8 +270,8 @@ class JumpProblem:
         best, _, even = min(searches, key=lambda search: self.contradiction(search[0].u))
         parts, count = label_parts(*self.alternation.edges[:2])
         known = np.zeros(count, bool)
-        if self.alternation.held is not None:
-            known[parts[self.alternation.held.weights > 0]] = True
+        if self.known is not None:
+            known[parts[self.known.weights > 0]] = True
         rng = np.random.default_rng(0)
         surfaces = [best.u]
         while len(surfaces) <= _SEARCHES:
@@ -286,7 +283,7 @@ class JumpProblem:
                 if np.mean(self.alternation.scale * apart[parts >= 0] > _APART_PX) < _APART_SHARE:
                     break
         middle, _ = median_surface(surfaces, parts, known)
-        typical = self.alternation.solved(after=middle)
+        typical = self._late(middle)
         iterations += typical.iterations
         # Its decisions hold unless those of all evidence are clearly better.
         if self.contradiction(best.u) > _CLEARLY * self.contradiction(typical.u):
@@ -320,17 +317,29 @@ class JumpProblem:
         """
         problem = self.alternation
         best = problem.solved(even)
+        if self.known is not None:
+            best = self._late(best.u)
         least, iterations = self.contradiction(best.u), best.iterations
         steps = problem.edges[2], problem.edges[3]
         for width in _WIDTHS_PX:
             trust = problem.trust(best.u)
-            u = placed(best.u, steps, self.evidence, trust, width, problem.scale, problem.held)
-            found = problem.solved(after=u)
+            found = self._late(placed(best.u, steps, self.evidence, trust, width, problem.scale))
             iterations += found.iterations
             contradiction = self.contradiction(found.u)
             if contradiction < least:
                 best, least = found, contradiction
         return best, iterations
+
+    def _late(self, u: Float64) -> Alternated:
+        """Improve a surface in the last rounds, from where its pieces are at known heights."""
+        if self.known is None:
+            return self.alternation.solved(after=u)
+        # Those of a larger map were moved in one of half the size.
+        if self.mask.size <= _LARGEST_SEARCH:
+            held = self.known.weights > 0
+            edges = self.alternation.edges[:2]
+            u = moved_to_known(u, self.known.target, held, edges, self.evidence.continuity)
+        return self.near(u.copy()).alternation.solved(after=u)
 
     def _halved(self) -> JumpProblem:
         """Return the problem of a map of half the size."""
@@ -346,20 +355,21 @@ class JumpProblem:
         )
         if half is None:
             raise AssertionError("a problem without a least share of suspects exists")
-        if problem.held is None or problem.start is None:
-            return half
-        weights = _sums(problem.held.weights[1:-1, 1:-1])
-        known = np.maximum(weights, np.finfo(np.float32).tiny)
-        target, start = (
-            np.pad(_sums(values[1:-1, 1:-1]) / (count * self.chords.halving), 1)
-            for values, count in ((problem.held.load, known), (problem.start, 4))
+        return replace(
+            half,
+            alternation=replace(half.alternation, held=self._anchors_of_half(problem.held)),
+            known=self._anchors_of_half(self.known),
         )
-        held = replace(problem.held, weights=np.pad(weights, 1), target=target)
-        half = half.held_at(held, start)
-        if self.bend is None:
-            return half
-        bend = _sums(self.bend[1:-1, 1:-1]) / (4 * self.chords.halving)
-        return half.bent(np.pad(bend, 1))
+
+    def _anchors_of_half(self, held: Anchors | None) -> Anchors | None:
+        """Return the heights at which a map of half the size is held."""
+        if held is None:
+            return None
+        weights = _sums(held.weights[1:-1, 1:-1])
+        known = np.maximum(weights, np.finfo(np.float32).tiny)
+        target = _sums(held.load[1:-1, 1:-1]) / (known * self.chords.halving)
+        variance = held.variance / self.chords.halving**2
+        return Anchors(np.pad(weights, 1), np.pad(target, 1), variance)
 
     def _from_half(self, coarse: CoarseSurface | None) -> tuple[Float64, int]:
         """Return the surface of a map of half the size, in all pixels, and the iterations."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from processing.surface.anchors import Anchors
 from processing.surface.grid_graph import label_parts
 from processing.surface.jump_evidence import JumpEvidence, Pair
 from processing.surface.piece_heights import Votes, agreed
@@ -18,7 +17,7 @@ from rig.arrays import Float32, Float64, Int32, Int64
 # Edges with more trust hold a piece together.
 _FIRM = 0.9
 # Smaller pieces, in pixels, are parts of the neighbour that they trust most.
-_CRUMB = 30
+CRUMB = 30
 
 
 def placed(
@@ -28,7 +27,6 @@ def placed(
     trust: Pair,
     width: float,
     scale: float,
-    held: Anchors | None = None,
 ) -> Float64:
     """Return a surface whose pieces are moved to where the edges between them agree.
 
@@ -46,8 +44,6 @@ def placed(
         Votes within this width, in pixels, agree at first.
     scale
         Pixels for a step of 1.
-    held
-        Known heights, which vote for the heights of their pieces.
     """
     trust = (evidence.continuity[0] * trust[0], evidence.continuity[1] * trust[1])
     pieces, count = _pieces(evidence.witness, trust)
@@ -56,16 +52,7 @@ def placed(
         for axis, step in enumerate(steps)
     ]
     inside = pieces >= 0
-    if held is not None:
-        known = np.flatnonzero(inside.ravel() & (held.weights.ravel() > 0))
-        piece = pieces.ravel()[known].astype(np.int64)
-        off = scale * (held.target - u).ravel()[known]
-        weight = held.weights.ravel()[known].astype(np.float64)
-        # The last group is what the known heights belong to: it does not move.
-        votes.append(Votes(np.full(len(piece), count), piece, off, weight, np.zeros(len(piece))))
-    moves = agreed(count + 1, Votes(*map(np.concatenate, zip(*votes, strict=True))), width)
-    if held is not None:
-        moves -= moves[count]
+    moves = agreed(count, Votes(*map(np.concatenate, zip(*votes, strict=True))), width)
     found = u.copy()
     found[inside] += moves[pieces[inside]] / scale
     return found
@@ -89,7 +76,7 @@ def _pieces(witness: Pair, trust: Pair) -> tuple[Int32, int]:
     a, b, trusted = a[apart], b[apart], trusted[apart]
     order = np.argsort(-trusted, kind="stable")
     sizes = np.bincount(labels[labels >= 0], minlength=count)
-    roots = _joined(a[order], b[order], sizes)
+    roots = joined(a[order], b[order], sizes)
     numbers, members = np.unique(roots, return_inverse=True)
     labels[labels >= 0] = members[labels[labels >= 0]]
     return labels, len(numbers)
@@ -104,8 +91,16 @@ def _linked(witness: Pair) -> Float32:
 
 
 @numba.njit(cache=True)
-def _joined(a: Int32, b: Int32, sizes: Int64) -> Int32:
-    """Join crumbs to others along edges in the given order; return the root of each piece."""
+def joined(a: Int32, b: Int32, sizes: Int64) -> Int32:
+    """Join crumbs to others along edges in the given order; return the root of each piece.
+
+    Parameters
+    ----------
+    a, b
+        Both ends of each edge.
+    sizes
+        Size of each end. Ends of `CRUMB` and more are not joined with each other.
+    """
     parent = np.arange(len(sizes)).astype(np.int32)
     for k in range(len(a)):
         i, j = a[k], b[k]
@@ -115,7 +110,7 @@ def _joined(a: Int32, b: Int32, sizes: Int64) -> Int32:
         while parent[j] != j:
             parent[j] = parent[parent[j]]
             j = parent[j]
-        if i != j and min(sizes[i], sizes[j]) < _CRUMB:
+        if i != j and min(sizes[i], sizes[j]) < CRUMB:
             if sizes[i] < sizes[j]:
                 i, j = j, i
             parent[j] = i

@@ -153,7 +153,7 @@ def _height_line(metrics: NormalsMetrics) -> list[str]:
     ]
 
 
-def _strength_line(strengths: processing.checks.LightStrengths | None) -> list[str]:
+def _strength_line(strengths: processing.series.LightStrengths | None) -> list[str]:
     if strengths is None:
         return []
     factors = strengths.factors

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from acquisition import Lights
-from processing.checks import light_strengths
 from processing.images.block_means import cells_of
+from processing.series import light_strengths
 from tests.processing.scenes import dome
 
 

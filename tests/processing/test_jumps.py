@@ -12,6 +12,7 @@ from acquisition import CameraModel, DataError, read_camera, read_mask
 from processing import HeightMap, HeightPrior, NormalMap, height_mesh, integrate, read_normals
 from processing.meshes.face_kernels import faces_of
 from rig.arrays import Bool, Float32, Float64
+from tests.cases import cases
 from tests.real_data import DATA, needs_data
 
 
@@ -252,3 +253,38 @@ def test_captured_objects() -> None:
             assert noisy < smooth
     four = [errors[name] for name in ("bear", "buddha", "cat", "cow")]
     assert np.mean(four) < 0.24
+
+
+def floating_caps(side: int) -> tuple[Float64, NormalMap]:
+    """Return heights and normals of two caps of balls that float over a plane."""
+    y, x = np.mgrid[:side, :side] / side
+    height, normals = np.zeros((side, side)), np.zeros((side, side, 3))
+    normals[..., 2] = 1
+    for across, down, radius, above in ((0.3, 0.35, 0.16, 0.1), (0.68, 0.62, 0.2, 0.21)):
+        rim2, ball = radius**2, 1.3 * radius
+        vector = np.dstack([x - across, down - y, 0 * x])
+        away2 = (vector**2).sum(axis=2)
+        vector[..., 2] = np.sqrt(np.maximum(ball**2 - away2, 0))
+        cap = away2 < rim2
+        height[cap] = (vector[..., 2] - np.sqrt(ball**2 - rim2) + above)[cap]
+        normals[cap] = vector[cap] / ball
+    return side * height, NormalMap.from_vectors(normals)
+
+
+@cases(
+    "places",
+    {
+        "one on each": [(0.05, 0.05), (0.3, 0.35), (0.68, 0.62)],
+        "two": [(0.05, 0.05), (0.9, 0.1), (0.3, 0.4), (0.35, 0.3), (0.6, 0.62), (0.75, 0.6)],
+    },
+)
+@pytest.mark.parametrize("sigma", [0.5, 0.01])
+def test_known_heights_move_what_floats(places: list[tuple[float, float]], sigma: float) -> None:
+    """The normals show most of the rim, but not where it follows a row or a column."""
+    height, normals = floating_caps(160)
+    at = np.round(160 * np.array(places)).astype(int)
+    known = height[at[:, 1], at[:, 0]]
+    prior = HeightPrior.from_points(at, known, sigma, height.shape)
+    surface = integrate(normals, prior=prior)
+    assert np.abs(surface.height - height).mean() < 0.3
+    assert [notice.code for notice in surface.warnings] == []

@@ -8,8 +8,8 @@ import pytest
 from acquisition import DataError, Lights
 from calibration import EstimateError
 from processing import angular_error, photometric_stereo
-from processing.checks import light_strengths
-from processing.checks.strength_fit import solve_normals, strength_information
+from processing.series import light_strengths
+from processing.series.strength_fit import solve_normals, strength_information
 from tests.processing.scenes import dome, half_ball
 
 SIZE = 40

@@ -8,7 +8,6 @@ import numpy as np
 
 from acquisition import CameraModel, MapRows
 from acquisition.files import rows_in_bands
-from processing.surface.anchors import Anchors
 from processing.surface.blocks.block_files import BlockFiles
 from processing.surface.blocks.plan import CELL
 from processing.surface.chord_rule import ChordRule
@@ -27,9 +26,6 @@ from rig.arrays import Bool, Float32, Float64, Int32
 # is used that leaves at most this many large pixels.
 _CELLS, _LARGE_PIXELS = (2, 4, CELL), 1_000_000
 _BAND = 32 * CELL  # rows
-# Weight of the coarse surface at each pixel while jumps of a block are found, relative to edges: it
-# holds the surface over 100 pixels and more.
-_HELD = np.float32(1e-4)
 
 
 class CoarseJumps(NamedTuple):
@@ -171,8 +167,7 @@ def find_jumps(
         raise AssertionError("a problem without a least share of suspects exists")
     # What holds pieces of the block together may be outside it.
     start = np.pad(coarse.rows(block.rows, normals.shape[1]), 1)
-    weights = np.where(edges[0] + edges[1] > 0, _HELD, np.float32(0))
-    problem = problem.held_at(Anchors(weights, start), start)
+    problem = problem.near(start)
     del edges
     u, cell = coarse.surface
     part = u[block.rows.start // cell : -(-block.rows.stop // cell)]

@@ -9,15 +9,15 @@ import numpy as np
 from acquisition import DataError, LightErrors, Lights
 from calibration import EstimateError, Stack
 from calibration.radiance import check_linear
-from processing.checks.strength_fit import (
+from processing.images.block_means import cells_of
+from processing.noise.normal_errors import STRUCTURED
+from processing.noise.reference_solver import correlation_of_neighbours
+from processing.series.strength_fit import (
     StrengthFit,
     fit_strengths,
     light_vectors,
     solve_normals,
 )
-from processing.images.block_means import cells_of
-from processing.noise.normal_errors import STRUCTURED
-from processing.noise.reference_solver import correlation_of_neighbours
 from processing.stereo.light_model import check_one_light_each
 from rig import Notice, check_type, pluralize, short_repr
 from rig.arrays import Bool, Float32, Float64, Intp
