@@ -36,7 +36,7 @@ from calibration.spheres.solve.lost_images import (
     moved_alone,
     moved_images,
 )
-from calibration.spheres.solve.sphere_positions import one_radius_each
+from calibration.spheres.solve.sphere_positions import check_sizes, one_radius_each
 from rig import Notice, pluralize, short_repr
 from rig.arrays import Float64
 
@@ -157,6 +157,8 @@ def seen_in(
     if radii_mm is not None:
         by_size = found or not (all_radii or len(radii_mm) == len(images))
         radii_mm = one_radius_each(radii_mm, images, scaled, found=by_size, each=all_radii)
+        if circles and scaled is not None:
+            check_sizes(radii_mm, images, scaled)
     size = values.shape[1], values.shape[2]
     bright = [image for image in images if image.highlights.found.any()]
     doubts = [

@@ -21,7 +21,7 @@ from calibration.spheres.outline.outline import (
     mask_outlines,
     usual_reach_px,
 )
-from calibration.spheres.outline.outline_confirmation import confirmed_near
+from calibration.spheres.outline.outline_confirmation import ball_around, confirmed_near
 from calibration.spheres.outline.outline_noise import (
     CHANCE,
     SAME_OUTLINE,
@@ -98,7 +98,8 @@ def circled_spheres(
 
     If a ball near the circle mirrors the plane on which it rests, and the edges of all images do
     not contradict it, that determines its outline on any ground; else the edge near the circle
-    does, see `outline_near`. Parameters and errors are those of `calibrate_spheres`.
+    does, see `outline_near`, or the ball that mirrors its horizon as this edge. Parameters and
+    errors are those of `calibrate_spheres`.
     """
     guesses: list[Ellipse] = []
     for x, y, radius in circles:
@@ -112,10 +113,13 @@ def circled_spheres(
     plane = MirroredPlane(values, reduce_stack(values), camera)
     reaches = [max(4.0, 0.1 * guess.radius_px) for guess in guesses]
     near = confirmed_near(values, plane, guesses, reaches)
-    return [
-        mirroring or _sphere(values, outline_near(pictures, guess, reach))
-        for guess, reach, mirroring in zip(guesses, reaches, near, strict=True)
-    ]
+    spheres: list[SphereImage] = []
+    for guess, reach, sphere in zip(guesses, reaches, near, strict=True):
+        if sphere is None:
+            edge = outline_near(pictures, guess, reach)
+            sphere = ball_around(values, plane, edge.outline) or _sphere(values, edge)
+        spheres.append(sphere)
+    return spheres
 
 
 def _sphere(values: Images, near: NearOutline) -> SphereImage:
