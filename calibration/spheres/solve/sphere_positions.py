@@ -50,15 +50,11 @@ def one_radius_each(
         off = np.abs(sizes[:, None] / radii - 1)
         if off.min(axis=1).max() < _SAME_SIZE:
             return np.asarray(radii[np.argmin(off, axis=1)])
-    if found and len(radii) != len(images):
-        raise EstimateError(
-            f"{pluralize(len(images), 'sphere')} found for {len(radii)} radii, {places(images)}: "
-            "give one radius for each sphere, or masks or circles"
-        )
     if len(radii) != len(images):
-        raise DataError(
-            f"{len(radii)} radii for {pluralize(len(images), 'sphere')}: give one radius, or one "
-            "for each sphere"
+        kind = EstimateError if found else DataError
+        raise kind(
+            f"{len(radii)} radii for {pluralize(len(images), 'sphere')}, {places(images)}: give "
+            "one radius, or one for each sphere"
         )
     if found:
         order = np.argsort([image.outline.radius_px for image in images])
