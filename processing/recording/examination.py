@@ -49,6 +49,9 @@ from rig.arrays import Bool, Float32, Float64, Intp
 # A computed mask beyond these probably contains background.
 _LARGEST_SHARE = 0.8
 _MOST_BORDERS = 3
+# So many images show whether a mask is inverted: then so much of what stands out in them or is
+# outside the mask is both.
+_SOME, _INVERTED = 4, 0.5
 # A contrast above which a computed mask is hardly wrong; `object_mask` requires 3.
 _CLEAR = 10.0
 # An image shows no light if its brightest parts are below this fraction of those of the others.
@@ -175,8 +178,7 @@ def _object_of(
 
 def _mask_warning(mask: Bool) -> list[Notice]:
     """Return a warning about a computed mask that probably contains background."""
-    share = float(mask.mean())
-    touched = sum(bool(border.any()) for border in (mask[0], mask[-1], mask[:, 0], mask[:, -1]))
+    share, touched = float(mask.mean()), _touched(mask)
     if share <= _LARGEST_SHARE and touched < _MOST_BORDERS:
         return []
     text = (
@@ -184,6 +186,42 @@ def _mask_warning(mask: Bool) -> list[Notice]:
         "it probably contains background; give a mask"
     )
     return [Notice("mask-fills-frame", text)]
+
+
+def _touched(mask: Bool) -> int:
+    """Return how many borders of the image a mask touches."""
+    return sum(bool(border.any()) for border in (mask[0], mask[-1], mask[:, 0], mask[:, -1]))
+
+
+def inverted_mask(images: Images, mask: Bool, elsewhere: Bool | None) -> list[Notice]:
+    """Return a doubt about a mask around what stands out in the images.
+
+    Parameters
+    ----------
+    images
+        N images ``(H, W)``, of which some are read.
+    mask
+        ``(H, W)`` bool.
+    elsewhere
+        ``(H, W)`` bool, pixels that are neither object nor background; None without any.
+    """
+    if _touched(mask) < _MOST_BORDERS:
+        return []
+    some = [images[i] for i in range(0, len(images), -(-len(images) // _SOME))]
+    try:
+        object_ = mask_of_images(some, mask.shape, elsewhere)
+    except EstimateError:
+        return []
+    outside = ~mask if elsewhere is None else ~(mask | elsewhere)
+    common, both = outside & object_.mask, outside | object_.mask
+    if np.count_nonzero(common) <= _INVERTED * np.count_nonzero(both):
+        return []
+    text = (
+        "what is outside the mask is an object "
+        f"{object_.contrast:.0f} times as bright as what is inside: the mask is probably inverted; "
+        "exchange black and white in the mask"
+    )
+    return [Notice("mask-inverted", text)]
 
 
 class Examination:
@@ -334,7 +372,8 @@ class Examination:
 
     def verdict(self, quality: ImageQuality, sigma_deg: float) -> Verdict:
         """Return what is probably wrong; ``sigma_deg`` is stated of the normals, the median."""
-        return quality.verdict(sigma_deg, [*self._doubts, *self._saturated()])
+        of_mask = inverted_mask(self.images, self.mask, self.source.not_object)
+        return quality.verdict(sigma_deg, [*self._doubts, *of_mask, *self._saturated()])
 
     def _saturated(self) -> list[Notice]:
         sample = self.sample()

@@ -112,7 +112,7 @@ def confirmed_near(
 
 
 def ball_around(values: Images, plane: MirroredPlane, edge: Ellipse) -> SphereImage | None:
-    """Return the ball in which an edge is the mirrored horizon, or None if there is none.
+    """Return the ball in which an edge is the mirrored horizon, or None.
 
     It is around the edge, of the size that belongs to it, and mirrors the plane.
     """
