@@ -49,6 +49,13 @@ class NormalsResult:
         found = self.record.metrics.get("mean_height_mm")
         return float(found) if isinstance(found, (int, float)) else 0.0
 
+    @property
+    def images(self) -> frozenset[str]:
+        """Hashes of the images of the object; empty in records of earlier programs."""
+        names, inputs = self.record.parameters.get("images"), self.record.inputs
+        known = names if isinstance(names, list) else []
+        return frozenset(inputs[str(name)] for name in known if str(name) in inputs)
+
     def pixel_mm(self) -> float | None:
         """Return the size of a pixel of the maps, None if no option stated it.
 
