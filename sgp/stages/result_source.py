@@ -93,6 +93,14 @@ def find_normals(path: Path) -> NormalsResult:
     )
 
 
+def recorded_pixel_mm(normals: Path) -> float | None:
+    """Return the size of a pixel that the record of a normal map states, None without one."""
+    try:
+        return find_normals(normals if normals.is_dir() else normals.parent).pixel_mm()
+    except UsageError:
+        return None
+
+
 def find_surface(path: Path) -> tuple[Path, ResultRecord]:
     """Return the folder and the record of a surface of ``sgp run``, ``sgp demo``, ``sgp surface``.
 
