@@ -11,6 +11,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from acquisition import Lights, Source
+from acquisition.source import setup_notices
 from calibration import EstimateError, Stack
 from processing.checks import limits
 from processing.checks.quality import Examined, ImageQuality, quality_of
@@ -373,7 +374,8 @@ class Examination:
     def verdict(self, quality: ImageQuality, sigma_deg: float) -> Verdict:
         """Return what is probably wrong; ``sigma_deg`` is stated of the normals, the median."""
         of_mask = inverted_mask(self.images, self.mask, self.source.not_object)
-        return quality.verdict(sigma_deg, [*self._doubts, *of_mask, *self._saturated()])
+        doubts = [*setup_notices(self.source), *self._doubts, *of_mask, *self._saturated()]
+        return quality.verdict(sigma_deg, doubts)
 
     def _saturated(self) -> list[Notice]:
         sample = self.sample()

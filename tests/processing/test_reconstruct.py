@@ -13,12 +13,14 @@ from acquisition import (
     DataError,
     Labels,
     Lights,
+    Setup,
     crop,
     downscale,
     read_source,
     record,
     write_png,
 )
+from acquisition.values import Calibrated
 from calibration import EstimateError
 from processing import photometric_stereo, reconstruct
 from processing.recording.examination import inverted_mask
@@ -193,6 +195,15 @@ def test_an_inverted_mask_is_part_of_the_verdict(session):
     inverted = replace(source, mask=~source.mask, normals_truth=None)
     found = reconstruct(inverted, surface=False)
     assert "mask-inverted" in [cause.name for cause in found.verdict.causes]
+
+
+def test_lights_of_another_camera_are_part_of_the_verdict(session):
+    source = read_source(session)
+    other = replace(source.camera, K=source.camera.K * [[1.2], [1.2], [1]])
+    lights = replace(source.lights, calibrated=Calibrated(setup=Setup(intrinsics=other)))
+    found = reconstruct(replace(source, lights=lights), surface=False)
+    assert "lights-of-another-camera" in [cause.name for cause in found.verdict.causes]
+    assert [one.code for one in found.warnings].count("lights-of-another-camera") == 1
 
 
 @cases(
