@@ -7,8 +7,9 @@ import inspect
 import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
-from dataclasses import asdict, fields, is_dataclass
+from contextlib import ExitStack, contextmanager, suppress
+from contextvars import ContextVar
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, ParamSpec
@@ -53,15 +54,42 @@ def writes_folder(record: str) -> Callable[[Callable[P, Result]], Callable[P, Re
             out, force = parameters.pop("out"), parameters.pop("force")
             if out is None:
                 return command(*args, **kwargs)
-            check_output(out, parameters.values(), force=force or _cut_short(out / record))
-            result = command(*args, **kwargs)
-            made = parameters | result.parameters
-            write_record(out / record, _name(command), made, result, defaults=defaults)
-            return result
+            force = force or _cut_short(out / record)
+            check_output(out, parameters.values(), force=force)
+            with ExitStack() as stack:
+                before = _claims.set(_Claims(stack, force))
+                stack.callback(_claims.reset, before)
+                result = command(*args, **kwargs)
+                made = parameters | result.parameters
+                write_record(out / record, _name(command), made, result, defaults=defaults)
+                return result
 
         return run
 
     return decorate
+
+
+@dataclass
+class _Claims:
+    """Folders that a command locks until its end, and whether they may contain a result."""
+
+    stack: ExitStack
+    force: bool
+    folders: set[Path] = field(default_factory=set)
+
+
+_claims: ContextVar[_Claims | None] = ContextVar("claims", default=None)
+
+
+def _lock(out: Path, record: str) -> None:
+    claims = _claims.get()
+    if claims is None or out in claims.folders:
+        return
+    other = f"{out}: another command writes its result there: give another --out"
+    claims.stack.enter_context(locked(out, other))
+    if not claims.force and (out / record).exists():  # it was not there when the command began
+        raise UsageError(other)
+    claims.folders.add(out)
 
 
 def _cut_short(record: Path) -> bool:
@@ -97,10 +125,13 @@ def claim_folder(out: Path, record: str, inputs: Iterable[Path] = ()) -> Path:
         If an input was changed after the command had opened it.
     StorageError
         If the folder cannot be created or a file cannot be removed.
+    UsageError
+        If another command writes into the folder, or has done so since this one began.
     """
     acquisition.files.check_publishing()
     input_hashes(inputs)
     acquisition.make_folder(out)
+    _lock(out, record)
     acquisition.files.remove_part_files(out)
     for path in earlier_files(out, record):
         try:
@@ -132,7 +163,7 @@ def flat_parameters(arguments: Mapping[str, Any]) -> dict[str, Any]:
     flat: dict[str, Any] = {}
     for name, value in arguments.items():
         if is_dataclass(value) and not isinstance(value, type):
-            flat |= {field.name: getattr(value, field.name) for field in fields(value)}
+            flat |= {one.name: getattr(value, one.name) for one in fields(value)}
         else:
             flat[name] = value
     return flat
