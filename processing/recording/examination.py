@@ -55,7 +55,8 @@ _MOST_BORDERS = 3
 _SOME, _INVERTED = 4, 0.5
 # A contrast above which a computed mask is hardly wrong; `object_mask` requires 3.
 _CLEAR = 10.0
-# An image shows no light if its brightest parts are below this fraction of those of the others.
+# An image shows no light if its brightest parts are below this fraction of those of the others. If
+# the others are below this fraction of its brightest parts, the strength of its light is wrong.
 _BLACK = 0.02
 _THREADS = 2
 # Pixels of the object, spread over it, whose brightness counts.
@@ -514,7 +515,8 @@ def _repairs(quality: ImageQuality) -> Repairs:
 def lit_images(values: Images, mask: Bool) -> list[int]:
     """Return the indices of the images with light on the object.
 
-    The other images are black, because of a dead LED or a lost trigger.
+    The other images are black, because of a dead LED or a lost trigger, or so much brighter than
+    the others that the strength of their light is wrong.
 
     Parameters
     ----------
@@ -528,7 +530,8 @@ def lit_images(values: Images, mask: Bool) -> list[int]:
         bright = np.array(
             list(pool.map(lambda i: _brightness(values[i], pixels), range(len(values))))
         )
-    return [int(i) for i in np.flatnonzero(bright > _BLACK * np.median(bright))]
+    usual = np.median(bright)
+    return [int(i) for i in np.flatnonzero((bright > _BLACK * usual) & (_BLACK * bright < usual))]
 
 
 def _unlit_notices(values: Images, mask: Bool, ids: Sequence[str], lit: list[int]) -> list[Notice]:
@@ -539,11 +542,14 @@ def _unlit_notices(values: Images, mask: Bool, ids: Sequence[str], lit: list[int
     """
     out = [i for i in range(len(values)) if i not in lit]
     pixels = _spread(mask)
-    least = -_BLACK * float(np.median([_brightness(values[i], pixels) for i in lit]))
-    negative = [i for i in out if np.nanmedian(values[i][mask]) < least]
-    dark = [i for i in out if i not in negative]
+    usual = float(np.median([_brightness(values[i], pixels) for i in lit]))
+    bright = [i for i in out if _brightness(values[i], pixels) > usual]
+    negative = [i for i in out if np.nanmedian(values[i][mask]) < -_BLACK * usual]
+    dark = [i for i in out if i not in (*negative, *bright)]
     reasons = {
         "images left out because they show no light": dark,
+        f"images left out because they are more than {1 / _BLACK:.0f} times as bright as the "
+        "others (check the strengths of their lights)": bright,
         "images left out because most of their samples are negative (check what was subtracted)": (
             negative
         ),
