@@ -15,7 +15,7 @@ from processing.checks.derivatives import Columns
 from processing.checks.evidence import Fitted, NormalEquations
 from processing.checks.height_effect import height_effect_mm, sparse_blocks
 from processing.checks.verdict import Cause
-from rig import listed
+from rig import figure, listed
 from rig.arrays import Float64, Intp
 
 _MOST_CAUSES = 3
@@ -177,7 +177,7 @@ class Contest:
         size, sigma = size * scale, sigma * scale
         if hypothesis.name == _CURVE:
             size += 1
-        text = kind.text.format(size=f"{size:.2g} +- {sigma:.1g} {unit}".rstrip())
+        text = kind.text.format(size=f"{figure(size)} +- {figure(sigma, 1)} {unit}".rstrip())
         if out:
             text += ": " + listed(
                 name if gain is None else f"{name} ({gain:.2f} times as bright)"
@@ -261,7 +261,7 @@ class Contest:
                 if i == 0:
                     kind = KINDS[name]
                     number = size * (kind.scale or self._size)
-                    least[name] = f"{number:.2g} {kind.unit}".rstrip()
+                    least[name] = f"{figure(number)} {kind.unit}".rstrip()
             if worst > limits.MATTERS_DEG:
                 hidden.append(name)
         return tuple(hidden), least

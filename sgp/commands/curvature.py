@@ -100,7 +100,7 @@ def curvature(
     metrics = _metrics(found)
     result.metrics = metrics
     per = f"1/{found.unit}"
-    title = f"Curvature, scale {metrics['scale']:.3g} {found.unit}"
+    title = f"Curvature, scale {rig.figure(metrics['scale'], 3)} {found.unit}"
     panels = [
         signed_panel("mean curvature, red: convex", found.mean, per),
         signed_panel("Gaussian curvature, blue: saddles", found.gaussian, f"{per}²"),
@@ -111,7 +111,7 @@ def curvature(
         f"{per}",
         f"Gaussian curvature  median {metrics['gaussian_median']:.4g} {per}²",
         f"{metrics['pixels']} of {np.count_nonzero(normal_map.mask)} pixels, scale "
-        f"{metrics['scale']:.3g} {found.unit}",
+        f"{rig.figure(metrics['scale'], 3)} {found.unit}",
     ]
     return result
 

@@ -182,18 +182,18 @@ def _written(
     if metrics["normal_sigma_deg"] is not None:
         sigma = fused["normal_sigma_deg"]
         panels.append(map_panel("standard deviation", sigma, "deg", crop, error=True))
-    title = f"{len(given)} fields, which fit to {metrics['residual_px']:.2g} px"
+    title = f"{len(given)} fields, which fit to {rig.figure(metrics['residual_px'])} px"
     write_overview(result.file("picture", folder / "merge.png"), title, panels)
     height, width = mask.shape
     result.summary = [
         f"{len(given)} fields in {width} x {height} pixels, {metrics['overlap']:.0%} seen several "
         "times",
         f"{rig.pluralize(len(stage.placements.pairs), 'pair')} of fields fit to "
-        f"{metrics['residual_px']:.2g} px rms",
+        f"{rig.figure(metrics['residual_px'])} px rms",
     ]
     if metrics["normal_sigma_deg"] is not None:
         result.summary.append(
-            f"standard deviation of normals {metrics['normal_sigma_deg']:.2g} deg (median)"
+            f"standard deviation of normals {rig.figure(metrics['normal_sigma_deg'])} deg (median)"
         )
     return result
 

@@ -9,6 +9,7 @@ import numpy as np
 
 import acquisition
 import processing
+from rig import figure
 from rig.arrays import Bool
 from sgp.cli.console import shown
 from sgp.results import (
@@ -146,7 +147,7 @@ def _height_line(metrics: NormalsMetrics) -> list[str]:
         return []
     sigma = metrics.get("mean_height_sigma_mm")
     # Gloss would shift the height that explains the images best.
-    known = "" if sigma is None else f" (sd {sigma:.2g}, if it is matte)"
+    known = "" if sigma is None else f" (sd {figure(sigma)}, if it is matte)"
     mean, lowest = metrics["mean_height_mm"], metrics["lowest_height_mm"]
     return [
         f"mean height {mean:.2f} mm above the working plane{known}, lowest part {lowest:.2f} mm"
@@ -167,7 +168,7 @@ def _distance_line(metrics: NormalsMetrics) -> list[str]:
     if "light_distance_mm" not in metrics:
         return []
     away, sigma = metrics["light_distance_mm"], metrics.get("light_distance_sigma_mm")
-    known = "" if sigma is None else f" (sd {sigma:.2g})"
+    known = "" if sigma is None else f" (sd {figure(sigma)})"
     return [
         f"lights {away:.0f} mm{known} from the middle of the object: their positions are written"
     ]
