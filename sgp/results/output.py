@@ -9,7 +9,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from contextvars import ContextVar
-from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, ParamSpec
@@ -30,6 +30,8 @@ except ImportError:  # Windows: two commands in one folder are not detected
     fcntl = None  # type: ignore[assignment]
 
 P = ParamSpec("P")
+# Through which a command locks its folders until it ends, and whether these may contain a result.
+_claims: ContextVar[tuple[ExitStack, bool] | None] = ContextVar("claims", default=None)
 
 
 def writes_folder(record: str) -> Callable[[Callable[P, Result]], Callable[P, Result]]:
@@ -57,8 +59,7 @@ def writes_folder(record: str) -> Callable[[Callable[P, Result]], Callable[P, Re
             force = force or _cut_short(out / record)
             check_output(out, parameters.values(), force=force)
             with ExitStack() as stack:
-                before = _claims.set(_Claims(stack, force))
-                stack.callback(_claims.reset, before)
+                stack.callback(_claims.reset, _claims.set((stack, force)))
                 result = command(*args, **kwargs)
                 made = parameters | result.parameters
                 write_record(out / record, _name(command), made, result, defaults=defaults)
@@ -67,29 +68,6 @@ def writes_folder(record: str) -> Callable[[Callable[P, Result]], Callable[P, Re
         return run
 
     return decorate
-
-
-@dataclass
-class _Claims:
-    """Folders that a command locks until its end, and whether they may contain a result."""
-
-    stack: ExitStack
-    force: bool
-    folders: set[Path] = field(default_factory=set)
-
-
-_claims: ContextVar[_Claims | None] = ContextVar("claims", default=None)
-
-
-def _lock(out: Path, record: str) -> None:
-    claims = _claims.get()
-    if claims is None or out in claims.folders:
-        return
-    other = f"{out}: another command writes its result there: give another --out"
-    claims.stack.enter_context(locked(out, other))
-    if not claims.force and (out / record).exists():  # it was not there when the command began
-        raise UsageError(other)
-    claims.folders.add(out)
 
 
 def _cut_short(record: Path) -> bool:
@@ -131,7 +109,12 @@ def claim_folder(out: Path, record: str, inputs: Iterable[Path] = ()) -> Path:
     acquisition.files.check_publishing()
     input_hashes(inputs)
     acquisition.make_folder(out)
-    _lock(out, record)
+    if claims := _claims.get():
+        stack, force = claims
+        other = f"{out}: another command writes its result there: give another --out"
+        stack.enter_context(locked(out, other))
+        if not force and (out / record).exists():  # not there when the command began
+            raise UsageError(other)
     acquisition.files.remove_part_files(out)
     for path in earlier_files(out, record):
         try:
