@@ -251,24 +251,21 @@ def _metrics(
 def _pairs(
     names: Sequence[str], placements: processing.merging.Placements
 ) -> list[FieldPairMetrics]:
-    pairs = [_pair(names, pair, used=True) for pair in placements.pairs]
-    for number, pair in enumerate(pairs):
-        pair["residual_px"] = placements.residuals_px[number]
-        pair["deviations"] = placements.deviations[number]
-        pair["disagreement"] = placements.disagreements[number]
-    return [*pairs, *(_pair(names, pair, used=False) for pair in placements.rejected)]
-
-
-def _pair(
-    names: Sequence[str], pair: processing.merging.FieldPair, *, used: bool
-) -> FieldPairMetrics:
-    return {
-        "first": names[pair.first],
-        "second": names[pair.second],
-        "used": used,
-        "common_px": pair.common_px,
-        "correlation": pair.correlation,
-    }
+    pairs: list[FieldPairMetrics] = [
+        {
+            "first": names[pair.first],
+            "second": names[pair.second],
+            "used": number < len(placements.pairs),
+            "common_px": pair.common_px,
+            "correlation": pair.correlation,
+        }
+        for number, pair in enumerate((*placements.pairs, *placements.rejected))
+    ]
+    for number, residual_px in enumerate(placements.residuals_px):
+        pairs[number]["residual_px"] = residual_px
+        pairs[number]["deviations"] = placements.deviations[number]
+        pairs[number]["disagreement"] = placements.disagreements[number]
+    return pairs
 
 
 def _notices(

@@ -21,10 +21,7 @@ _STATED: Final = "as the recording states"
 
 
 def instrument_rows(
-    folder: ResultFolder,
-    recording: Recording,
-    notices: list[rig.Notice],
-    check: Path | None = None,
+    folder: ResultFolder, recording: Recording, notices: list[rig.Notice], check: Path | None = None
 ) -> list[Row]:
     """Return terms and texts about the instrument, as far as records and files state it.
 

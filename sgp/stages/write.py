@@ -86,11 +86,7 @@ def write_normals_stage(
 
 
 def _write_lights(
-    result: Result,
-    path: Path,
-    stage: processing.Reconstruction,
-    command: str,
-    files: list[Path],
+    result: Result, path: Path, stage: processing.Reconstruction, command: str, files: list[Path]
 ) -> None:
     """Write the lights if they are not those of the source."""
     lights = stage.source.lights if stage.strengths is None else stage.strengths.lights
@@ -222,10 +218,7 @@ def normals_metrics(stage: processing.Reconstruction) -> NormalsMetrics:
 
 
 def write_separation(
-    folder: Path,
-    parts: acquisition.files.Maps,
-    mask: Bool,
-    maps: MapOptions = MAPS,
+    folder: Path, parts: acquisition.files.Maps, mask: Bool, maps: MapOptions = MAPS
 ) -> Result:
     """Write shape and detail as EXR and 16-bit PNG, with their mask; return files and figures."""
     outputs = {
