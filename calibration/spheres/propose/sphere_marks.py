@@ -90,9 +90,7 @@ def masked_spheres(
 
 
 def circled_spheres(
-    values: Images,
-    circles: Sequence[tuple[float, float, float]],
-    camera: CameraModel | None = None,
+    values: Images, circles: Sequence[tuple[float, float, float]], camera: CameraModel | None = None
 ) -> list[SphereImage]:
     """Return outlines and highlights of the spheres near approximate circles.
 
@@ -152,10 +150,7 @@ def _check_disc(outline: Ellipse, points: Float64) -> None:
 
 
 def sphere_in_mask(
-    values: Images,
-    pictures: OutlineImages,
-    mirroring: SphereImage | None,
-    mask: TracedOutline,
+    values: Images, pictures: OutlineImages, mirroring: SphereImage | None, mask: TracedOutline
 ) -> SphereImage:
     """Return the sphere in a mask, with the outline of the images if the mask contradicts them.
 
@@ -242,10 +237,7 @@ def _between(values: Images, given: SphereImage, seen: SphereImage, edges: Float
 
 
 def _seen_near(
-    values: Images,
-    pictures: OutlineImages,
-    mirroring: SphereImage | None,
-    outline: Ellipse,
+    values: Images, pictures: OutlineImages, mirroring: SphereImage | None, outline: Ellipse
 ) -> tuple[SphereImage | None, bool, bool]:
     """Return the sphere that the images show near an outline, or None.
 

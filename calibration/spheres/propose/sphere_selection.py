@@ -19,11 +19,7 @@ from calibration.spheres.highlights.spots import (
 from calibration.spheres.outline.mirror_outline import outlined_mirror
 from calibration.spheres.outline.mirror_search import find_mirror, outline_of
 from calibration.spheres.outline.outline import SHARP_PX, TracedOutline
-from calibration.spheres.outline.outline_confirmation import (
-    ball_around,
-    confirmed,
-    in_all_images,
-)
+from calibration.spheres.outline.outline_confirmation import ball_around, confirmed, in_all_images
 from calibration.spheres.outline.sphere_image import SAFE_COVERAGE, SphereImage, circles_of, places
 from calibration.spheres.outline.surroundings import MirroredPlane
 from calibration.spheres.propose.edge_search import (
