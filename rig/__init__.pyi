@@ -34,6 +34,7 @@ from .kernels.threads import in_threads as in_threads
 from .messages.notice import Notice as Notice
 from .messages.notice import Progress as Progress
 from .messages.notice import Severity as Severity
+from .messages.notice import figure as figure
 from .messages.notice import listed as listed
 from .messages.notice import no_progress as no_progress
 from .messages.notice import pluralize as pluralize

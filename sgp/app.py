@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import contextlib
 import functools
 import inspect
 import io
@@ -331,7 +332,8 @@ def _fail(error: BaseException, code: int, text: str, *, form: str, debug: bool)
     if form == "json":
         from sgp.results import dumps
 
-        print(dumps({"ok": False, "error": line, "exit_code": code, **listed}))
+        with contextlib.suppress(OSError):  # standard output may be what failed
+            print(dumps({"ok": False, "error": line, "exit_code": code, **listed}), flush=True)
     elif form == "events":
         from sgp.sessions import write_event
 

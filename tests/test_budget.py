@@ -15,7 +15,7 @@ PACKAGES = ("rig", "acquisition", "calibration", "processing", "simulator", "sgp
 # At most, for each package: code lines (without docstrings, comments and blanks), names at the
 # top, modules.
 BUDGET = {
-    "rig": (4250, 48, 69),
+    "rig": (4250, 49, 69),  # with `figure`, which all messages use
     "acquisition": (15900, 66, 158),
     "calibration": (10730, 30, 90),
     "processing": (27130, 65, 247),

@@ -80,7 +80,8 @@ def record(
         for an LED of the plan, an event does not follow the format, a frame differs from the
         camera's description, or too much of it is clipped.
     StorageError
-        If the folder is not empty or is in use, or the disk refuses a write or is stuck.
+        If the folder is not empty, inside a session or in use, or the disk refuses a write or is
+        stuck.
     RigError
         If board or camera fail, or an LED gives no light, more often than the plan's ``retakes``.
     NotAcceptedError

@@ -23,7 +23,7 @@ from acquisition.session.files_aside import clear_frames, set_frames_aside
 from acquisition.session.frame_proofs import FrameProofs, damaged_frames_of
 from acquisition.session.journal import EventLine
 from acquisition.session.journal_file import Clock, JournalFile, utc_now
-from acquisition.session.layout import COMPLETE, FRAMES, JOURNAL, MANIFEST
+from acquisition.session.layout import COMPLETE, FRAMES, JOURNAL, MANIFEST, is_session
 from acquisition.session.manifest import Manifest
 from acquisition.session.session import Examination, Session, examine
 from rig import Progress
@@ -151,6 +151,9 @@ def begin(folder: Path, manifest: Manifest, clock: Clock) -> OpenSession:
     manifest.check_current(folder)
     library_path(folder)  # the image libraries require a UTF-8 path
     data = to_toml(manifest)
+    outer = next((one for one in folder.absolute().parents if is_session(one)), None)
+    if outer is not None:
+        raise StorageError(f"{folder}: is inside the session {outer}; choose another folder")
     make_folder(folder)
     with ExitStack() as undo:
         lock = lock_folder(folder)

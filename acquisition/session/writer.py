@@ -109,7 +109,8 @@ class SessionWriter:
         DataError
             If a text of the manifest or the name of the folder cannot be encoded in UTF-8.
         StorageError
-            If the folder is not empty, another process records into it, or the disk refuses.
+            If the folder is not empty or is inside a session, another process records into it, or
+            the disk refuses.
         """
         return cls(begin(Path(folder), manifest, clock))
 

@@ -14,7 +14,7 @@ from acquisition.pixels.stated_facts import ImageFacts
 from acquisition.pixels.stated_lens import FILM_DIAGONAL_MM
 from acquisition.source.source import Source
 from acquisition.values.camera_model import CameraModel
-from rig import Notice, Severity
+from rig import Notice, Severity, figure
 
 _CODES = ("camera-from-exif", "camera-not-from-exif")
 # Focal lengths that differ by less are equal: those of a lens that the camera focuses differ by
@@ -140,8 +140,8 @@ def _focal_of(image: ImageFacts, size: tuple[int, int]) -> _Focal | str:
         found.append(_Focal(px, f"{lens.focal_35_mm:g} mm on 35 mm film, Exif", 1))
     if not found and lens.focal_mm and lens.pixels_per_mm:
         return (
-            f"states a sensor with a diagonal of {diagonal_mm:.3g} mm (FocalPlaneXResolution): it "
-            "was probably cropped or scaled"
+            f"states a sensor with a diagonal of {figure(diagonal_mm, 3)} mm "
+            "(FocalPlaneXResolution): it was probably cropped or scaled"
         )
     if not found:
         return "states no focal length with the size of its pixels, as others do"

@@ -44,7 +44,8 @@ def setup_notices(source: Source) -> tuple[Notice, ...]:
     """Return warnings if the lights of a source were calibrated with another rig or camera.
 
     What one of them does not state is not compared. Images of another size are the same camera if
-    they show the same field of view.
+    they show the same field of view; without a camera of the recording, only their size is known,
+    which counts under lights with positions.
 
     Parameters
     ----------
@@ -81,10 +82,15 @@ def setup_notices(source: Source) -> tuple[Notice, ...]:
         )
         notices.append(Notice("lights-of-another-rig", text, where))
     differences = setup_differences(replace(then, rig=""), now)
+    height, width = source.frames[0].shape[:2]
+    seen = then.intrinsics if source.lights.near and source.camera is None else None
+    if seen is not None and seen.size != (height, width):
+        size = f"images of {seen.width} x {seen.height} pixels, now {width} x {height}"
+        differences = (*differences, size)
     if differences:
         text = (
             f"the lights were calibrated with another camera or lens: {', '.join(differences)}; "
-            "calibrate with the camera of these images"
+            "calibrate with the camera of these images, or state it"
         )
         notices.append(Notice("lights-of-another-camera", text, where))
     return tuple(notices)

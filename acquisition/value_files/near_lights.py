@@ -18,7 +18,7 @@ from acquisition.files.text_files import numbered_lines, read_text
 from acquisition.value_files.mat5 import read_variables, variable_names
 from acquisition.values.camera_model import CameraModel
 from acquisition.values.lights import Lights
-from rig import Notice
+from rig import Notice, figure
 from rig.arrays import Float64
 
 LightAxes = Literal["opencv", "opengl", "house"]
@@ -165,7 +165,7 @@ def _in_house(
     farthest = float(np.linalg.norm(positions, axis=1).max())
     if farthest < _NEAREST * camera.working_distance_mm:
         raise DataError(
-            f"{path}: all lights are within {farthest:.3g} mm of the camera, which is "
+            f"{path}: all lights are within {figure(farthest, 3)} mm of the camera, which is "
             f"{camera.working_distance_mm:g} mm from the object: S must be in millimetres"
         )
     return house, None if directions is None else camera.from_opencv(directions * flip) - centre

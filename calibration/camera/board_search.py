@@ -148,11 +148,7 @@ def _why_no_board(shown: UInt8, board: CharucoBoard, count: int) -> str:
 
 
 def _corners(
-    gray: Float32,
-    shown: UInt8,
-    board: CharucoBoard,
-    markers: list[Any],
-    ids: Int64,
+    gray: Float32, shown: UInt8, board: CharucoBoard, markers: list[Any], ids: Int64
 ) -> tuple[Int64, Float64]:
     """Return indices and places of the corners between the given markers."""
     detector = cv2.aruco.CharucoDetector(board.in_opencv())

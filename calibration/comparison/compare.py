@@ -13,7 +13,7 @@ from acquisition.source import setup_differences
 from acquisition.value_files import lights_of_rig
 from acquisition.values import led_of, tangent_basis
 from calibration.comparison.order import Explanation, Mirror, Motion, explain
-from rig import Notice, RigConfig, check_type, listed, pluralize, short_repr
+from rig import Notice, RigConfig, check_type, figure, listed, pluralize, short_repr
 from rig.arrays import Float64, Intp
 
 # Differences below a micrometre, or the angle that it spans at half a metre, do not count.
@@ -467,7 +467,7 @@ def explanation_notices(
     yield from _exchanges(found, ids)
     if found.kind != "none":
         median = float(np.median(rest))
-        left = f"{median:.2g} {unit}" if median >= _LEAST_NAMED else f"< {_LEAST_NAMED:g} {unit}"
+        left = f"{figure(median) if median >= _LEAST_NAMED else f'< {_LEAST_NAMED:g}'} {unit}"
         text = (
             f"all lights {motion_text(found.motion)}: the camera, the board or the plane of the "
             f"object moved; without this motion, half of the differences are within {left}"
@@ -482,7 +482,7 @@ def motion_text(motion: Motion) -> str:
         said.append(f"turned together by {motion.angle_deg:.3g} deg about {_vector(motion.axis)}")
     length = float(np.linalg.norm(motion.shift_mm))
     if length >= _LEAST_MM:
-        said.append(f"shifted together by {length:.3g} mm, {_vector(motion.shift_mm)}")
+        said.append(f"shifted together by {figure(length, 3)} mm, {_vector(motion.shift_mm)}")
     return " and ".join(said) or "stayed in place"
 
 
@@ -521,4 +521,4 @@ def _exchange(cycle: Sequence[int], found: Explanation, ids: Sequence[str]) -> s
 
 
 def _vector(vector: Float64) -> str:
-    return "(" + ", ".join(f"{value:.3g}" for value in np.round(vector, 4) + 0.0) + ")"
+    return "(" + ", ".join(f"{figure(value, 3)}" for value in np.round(vector, 4) + 0.0) + ")"

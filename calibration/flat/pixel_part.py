@@ -45,10 +45,7 @@ class PixelPart:
 
 
 def combine(
-    parts: Sequence[Float32],
-    variances: Sequence[Float32],
-    measured: Sequence[Bool],
-    sites: Sites,
+    parts: Sequence[Float32], variances: Sequence[Float32], measured: Sequence[Bool], sites: Sites
 ) -> PixelPart:
     """Average recordings of a card that was moved between them.
 

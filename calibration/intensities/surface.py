@@ -75,12 +75,7 @@ class MatteSurface:
 
     @classmethod
     def card(
-        cls,
-        values: Float32,
-        camera: CameraModel,
-        *,
-        z_mm: float = 0.0,
-        mask: Bool | None = None,
+        cls, values: Float32, camera: CameraModel, *, z_mm: float = 0.0, mask: Bool | None = None
     ) -> MatteSurface:
         """Return a card in the plane z = ``z_mm``, parallel to the working plane.
 

@@ -314,11 +314,7 @@ class Developer:
         return out
 
     def _usable(
-        self,
-        repeats: list[Frame],
-        samples: list[Pixels],
-        shorter: list[list[Frame]],
-        rows: slice,
+        self, repeats: list[Frame], samples: list[Pixels], shorter: list[list[Frame]], rows: slice
     ) -> Bool:
         """Return the samples that count in some rows of the frames.
 

@@ -414,10 +414,7 @@ class StackFiles:
 
 
 def linear_stack(
-    source: Source,
-    *,
-    channel: Channel = "gray",
-    on_progress: Progress = no_progress,
+    source: Source, *, channel: Channel = "gray", on_progress: Progress = no_progress
 ) -> Stack:
     """Read a source and return its linear stack.
 
@@ -523,10 +520,7 @@ def threads_for(image_bytes: int) -> int:
 
 
 def linear_images(
-    source: Source,
-    ids: Sequence[str] | None = None,
-    *,
-    channel: Literal["gray", "rgb"] = "gray",
+    source: Source, ids: Sequence[str] | None = None, *, channel: Literal["gray", "rgb"] = "gray"
 ) -> Iterator[Float32]:
     """Yield the images of `linear_stack` one by one, with the next one in preparation.
 
@@ -592,10 +586,7 @@ def check_linear(name: str, values: object) -> None:
 
 
 def open_stack(
-    source: Source,
-    *,
-    channel: Channel = "gray",
-    on_progress: Progress = no_progress,
+    source: Source, *, channel: Channel = "gray", on_progress: Progress = no_progress
 ) -> Stack:
     """Check the frames of a source and return its stack, whose values are made on request.
 

@@ -288,7 +288,4 @@ def _hot_pixels(dark: DarkFrames, e_per_dn: float) -> dict[str, float]:
     if not dark.sloped or not hot.any():
         return {}
     excess = float(dark.slope[hot].mean(dtype=np.float64)) - dark.current_dn_per_s
-    return {
-        "hot_pixel_fraction": float(hot.mean()),
-        "hot_pixel_e_per_s": excess * e_per_dn,
-    }
+    return {"hot_pixel_fraction": float(hot.mean()), "hot_pixel_e_per_s": excess * e_per_dn}

@@ -25,6 +25,8 @@ _PATTERN_FROM, _PATTERN_TO = 0.2, 0.75
 _PATTERN_ROWS, _MARGIN = 512, 2 * (BOX // 2 + 3)
 # A lamp that varies more cannot be corrected reliably.
 _MOST_FLICKER = 0.1
+# Noise of raw frames is independent; a blur of 0.5 px makes the correlation of neighbours 0.3.
+_ALIKE = 0.1
 _MOST_ZONES = 12
 _FEWEST_PIXELS = 400
 _NO_ZONE = -1
@@ -76,7 +78,7 @@ def series_points(series: Series, dark: DarkFrames, cfa: str | None, end_dn: int
     DataError
         If a frame is damaged, or the frames are not brighter than the dark frames.
     EstimateError
-        If every exposure is saturated, or the light varies too much.
+        If every exposure is saturated, the light varies too much, or frames were smoothed.
     """
     levels, tops = zip(*(_level(one, dark) for one in series.exposures), strict=True)
     top = max(tops)
@@ -92,6 +94,12 @@ def series_points(series: Series, dark: DarkFrames, cfa: str | None, end_dn: int
             "exposure times"
         )
     shown = min(usable, key=lambda i: abs(levels[i] - _ZONES_AT * top))
+    alike = _correlation(series.exposures[shown])
+    if alike > _ALIKE:
+        raise EstimateError(
+            f"{series.name}: the noise of neighbouring pixels is alike (correlation {alike:.2f}): "
+            "the frames were smoothed or scaled: record raw frames"
+        )
     labels, count = zone_labels(_field(series.exposures[shown], dark), dark.good, cfa)
     shape = (len(series.exposures), count)
     signal, variance, white, freedom = (np.zeros(shape) for _ in range(4))
@@ -116,6 +124,14 @@ def series_points(series: Series, dark: DarkFrames, cfa: str | None, end_dn: int
     return SeriesPoints(
         times, signal, variance, white, freedom, flicker, flicker_noise, *pattern.result()
     )
+
+
+def _correlation(exposure: Repeats) -> float:
+    """Return the correlation of the noise of pixels next to each other, 0 of raw frames."""
+    first, second = (frame.read().astype(np.float32) for frame in exposure.frames[:2])
+    noise = first - second
+    noise -= smooth(noise)
+    return float(np.mean(noise[:, 1:] * noise[:, :-1]) / max(float(np.mean(noise**2)), 1e-12))
 
 
 def _level(exposure: Repeats, dark: DarkFrames) -> tuple[float, float]:

@@ -99,11 +99,13 @@ def positioned_lights(
             "check outlines, radii and camera"
         )
         warnings.append(Notice("spheres-disagree", text))
+    others_mm: list[Float64] = []
     if disagreement <= _UNTRUSTED_DEG:
         outlines = [image.points_px for image in images]
         weighed = replace(given, sigma_px=located.sigma_px)
         tests = check_inputs(weighed, outlines, located.refined)
-        warnings = _with_doubts(warnings, doubts(tests, camera, radii, shown.places_mm))
+        doubted, others_mm = doubts(tests, camera, radii, shown.places_mm)
+        warnings = _with_doubts(warnings, doubted)
     doubtful = _doubtful(located)
     warnings += _doubts_about_lights(names, located, doubtful, np.trace(apart_mm2.T) > 0)
     dropped = int(np.sum(seen & ~used))
@@ -121,6 +123,9 @@ def positioned_lights(
         )
         warnings.append(Notice("lights-uncertain", text))
     covariances = _widened(located, doubtful) + apart_mm2
+    for other_mm in others_mm:  # the lights of values that explain the images better
+        off = other_mm - positions
+        covariances += off[:, :, None] * off[:, None]
     errors = LightErrors(covariances, residual_px=located.residuals_px, spheres=used.sum(axis=1))
     lights = Lights(positions_mm=positions, ids=names, errors=errors)
     spheres = shown.spheres(replace(placed, centres_mm=centres))

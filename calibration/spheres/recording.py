@@ -36,8 +36,8 @@ from calibration.spheres.solve.lost_images import (
     moved_alone,
     moved_images,
 )
-from calibration.spheres.solve.sphere_positions import one_radius_each
-from rig import Notice, pluralize, short_repr
+from calibration.spheres.solve.sphere_positions import check_sizes, one_radius_each
+from rig import Notice, listed, pluralize, short_repr
 from rig.arrays import Float64
 
 Circle = tuple[float, float, float]
@@ -157,6 +157,8 @@ def seen_in(
     if radii_mm is not None:
         by_size = found or not (all_radii or len(radii_mm) == len(images))
         radii_mm = one_radius_each(radii_mm, images, scaled, found=by_size, each=all_radii)
+        if circles and scaled is not None:
+            check_sizes(radii_mm, images, scaled)
     size = values.shape[1], values.shape[2]
     bright = [image for image in images if image.highlights.found.any()]
     doubts = [
@@ -247,10 +249,8 @@ def _steady_spheres(stack: Stack, spheres_in: SpheresIn, drift: Drift | None = N
         known = [None if drift is None else sphere_shifts(some, one.outline) for one in spheres]
         moved = [displaced(some, one.outline, by) for one, by in zip(spheres, known, strict=True)]
         if len(steady) < len(rows):  # single spheres moved: the others show the highlights
-            seen = [find_highlights(some, sphere.outline) for sphere in spheres]
             spheres = [
-                replace(sphere, highlights=of_all)
-                for sphere, of_all in zip(spheres, seen, strict=True)
+                replace(one, highlights=find_highlights(some, one.outline)) for one in spheres
             ]
     shifts_px = None
     if drift is not None:
@@ -302,15 +302,12 @@ def _copies(values: Images, names: Sequence[str], images: Sequence[SphereImage])
         if content.size and np.ptp(content) != 0:  # an even image is not a picture
             digest = hashlib.blake2b(content.tobytes()).digest()
             lights.setdefault(digest, []).append(name)
-    equal = [same for same in lights.values() if len(same) > 1]
-    if not equal:
-        return []
-    listed = "; ".join(" and ".join(same[:_LISTED]) for same in equal[:_LISTED])
+    equal = [" and ".join(same[:_LISTED]) for same in lights.values() if len(same) > 1]
     text = (
-        f"the images of {listed} are the same image: one of them is missing, and its light is "
-        "wrong; restore the image"
+        f"the images of {listed(equal, _LISTED, '; ')} are the same image: one of them is missing, "
+        "and its light is wrong; restore the image"
     )
-    return [Notice("image-duplicate", text)]
+    return [Notice("image-duplicate", text)] if equal else []
 
 
 def _check_apart(images: Sequence[SphereImage]) -> None:

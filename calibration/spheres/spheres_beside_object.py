@@ -15,7 +15,7 @@ from acquisition.source import setup_differences, source_setup, with_time_errors
 from acquisition.values import Calibrated, UsedSphere
 from calibration.spheres.geometry.ellipse import Ellipse
 from calibration.spheres.solve.sphere_calibration import SphereCalibration
-from rig import check_type, pluralize
+from rig import check_type, listed
 from rig.arrays import UInt8
 
 # The bright rim of an outline, blurred by the lens, and the contact shadow extend beyond it.
@@ -217,16 +217,12 @@ def light_difference(
     first: str, first_ids: Sequence[str], other: str, other_ids: Sequence[str]
 ) -> str:
     """Return one line if two recordings do not show the same lights, in any order; else ""."""
-    if sorted(first_ids) == sorted(other_ids):
-        return ""
-    if len(first_ids) != len(other_ids):
-        return (
-            f"{other} shows {pluralize(len(other_ids), 'light')}, {first} "
-            f"{len(first_ids)}: the recordings must show the same lights"
-        )
-    rest = [name for name in other_ids if name not in first_ids]
-    shown = ", ".join(rest[:_LISTED]) + (", ..." if len(rest) > _LISTED else "")
-    return (
-        f"{first} has no light {shown}, which {other} shows: the same light must have the same "
-        "name in all recordings"
-    )
+    given = ((first, first_ids), (other, other_ids))
+    for (without, known), (shows, names) in (given, given[::-1]):
+        rest = [name for name in names if name not in known]
+        if rest:
+            return (
+                f"{without} has no light {listed(rest, _LISTED)}, which {shows} shows: the same "
+                "light must have the same name in all recordings"
+            )
+    return ""

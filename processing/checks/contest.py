@@ -15,7 +15,7 @@ from processing.checks.derivatives import Columns
 from processing.checks.evidence import Fitted, NormalEquations
 from processing.checks.height_effect import height_effect_mm, sparse_blocks
 from processing.checks.verdict import Cause
-from rig import listed
+from rig import figure, listed
 from rig.arrays import Float64, Intp
 
 _MOST_CAUSES = 3
@@ -27,12 +27,8 @@ _Row = tuple[Hypothesis, Fitted]
 
 
 def _possible(row: _Row) -> bool:
-    """Return whether a size is known, and can exist: no room light is darker than none."""
+    """Return whether a size can exist: no room light is darker than none."""
     hypothesis, fitted = row
-    known = np.abs(fitted.size) > limits.SIGMAS * fitted.sigma
-    # A height alone is a factor that depends on the elevations of the lights.
-    if not (known[0] if hypothesis.name == "lights-not-distant" else known.any()):
-        return False
     if hypothesis.name == _CURVE:
         return bool(0 < 1 + fitted.size[0] < limits.LARGEST_POWER)
     if hypothesis.name == "ambient-light-changes":
@@ -147,6 +143,7 @@ class Contest:
             if row[1].evidence > limits.EVIDENCE
             and row[1].foreseen > limits.FORESEEN
             and _possible(row)
+            and self._is_known(row)
         }
         if not enough:
             return []
@@ -167,17 +164,23 @@ class Contest:
         ]
         return [best, *tied]
 
+    def _is_known(self, row: _Row) -> bool:
+        """Return whether the size that a text would state is significant."""
+        size, sigma, _ = self._size_of(*row)
+        return abs(size) > limits.SIGMAS * sigma
+
     def _cause(self, best: _Row, *tied: _Row) -> Cause:
         hypothesis, fitted = best
         kind = KINDS[hypothesis.name]
         size, sigma, out = self._size_of(hypothesis, fitted)
+        self._outstanding |= out
         scale, unit = kind.scale or self._size, kind.unit
         if unit == "mm" and self._pixel_mm is None:
             unit = "px"
         size, sigma = size * scale, sigma * scale
         if hypothesis.name == _CURVE:
             size += 1
-        text = kind.text.format(size=f"{size:.2g} +- {sigma:.1g} {unit}".rstrip())
+        text = kind.text.format(size=f"{figure(size)} +- {figure(sigma, 1)} {unit}".rstrip())
         if out:
             text += ": " + listed(
                 name if gain is None else f"{name} ({gain:.2f} times as bright)"
@@ -204,7 +207,8 @@ class Contest:
         """Return size and standard deviation in units of the columns, and images that stand out."""
         if hypothesis.name not in ("light-brightness", "image-shifted"):
             if hypothesis.name == "lights-not-distant":
-                # The distance follows from its reciprocal.
+                # The distance follows from its reciprocal. A height alone is a factor that depends
+                # on the elevations of the lights.
                 size = float(np.ptp(self._model.points[:, :2], axis=0).max())
                 share = fitted.sigma[0] / max(abs(float(fitted.size[0])), 1e-9)
                 away = size / max(abs(float(fitted.size[0])), 1e-9)
@@ -227,7 +231,6 @@ class Contest:
         for i in out:
             gain = float(1 + each[0, i]) if hypothesis.name == "light-brightness" else None
             kept[self._lights.ids[i]] = gain
-        self._outstanding |= kept
         return float(size[out].max()), sigma, kept
 
     def _height_mm(self, fitted: Fitted) -> float:
@@ -261,7 +264,7 @@ class Contest:
                 if i == 0:
                     kind = KINDS[name]
                     number = size * (kind.scale or self._size)
-                    least[name] = f"{number:.2g} {kind.unit}".rstrip()
+                    least[name] = f"{figure(number)} {kind.unit}".rstrip()
             if worst > limits.MATTERS_DEG:
                 hidden.append(name)
         return tuple(hidden), least

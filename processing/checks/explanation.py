@@ -29,7 +29,7 @@ from processing.images.viewing_rays import View
 from processing.maps.normal_map import NormalMap
 from processing.stereo.normals_and_albedo import photometric_stereo
 from processing.surface.integrability_test import Integrability, integrability
-from rig import listed
+from rig import figure, listed
 from rig.arrays import Float64, Intp
 
 _BLOCKS = 1500
@@ -297,7 +297,7 @@ def _turned_about_axis(recorded: Recorded, model: BlockModel, wrong: Sequence[in
         return []
     kind, size, sigma = KINDS["lights-turned"], shape.turn_deg, shape.turn_sigma_deg
     back = recorded.blocks.fit(turned_lights(recorded.lights, -size))
-    text = kind.text.format(size=f"{size:.2g} +- {sigma:.1g} {kind.unit}")
+    text = kind.text.format(size=f"{figure(size)} +- {figure(sigma, 1)} {kind.unit}")
     effect = _angle_deg(model, back)
     return [Cause("lights-turned", text, size, kind.unit, sigma, effect, remedy=kind.remedy)]
 

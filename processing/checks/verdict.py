@@ -9,7 +9,7 @@ from typing import Literal
 
 from processing.checks import limits
 from processing.checks.causes import KINDS
-from rig import Notice, Severity
+from rig import Notice, Severity, figure
 
 Answer = Literal["good", "check", "do-not-use"]
 
@@ -70,9 +70,9 @@ class Cause:
         if self.normals_deg == MISSING_DEG:
             effects.append("too few images for normals")
         elif math.isfinite(self.normals_deg):
-            effects.append(f"normals change by {self.normals_deg:.2g} deg")
+            effects.append(f"normals change by {figure(self.normals_deg)} deg")
         if math.isfinite(self.height_mm):
-            effects.append(f"heights change by {self.height_mm:.2g} mm")
+            effects.append(f"heights change by {figure(self.height_mm)} mm")
         if self.inverts:
             effects.append("the relief is inverted")
         return ", ".join(effects)

@@ -72,7 +72,7 @@ class Curvature:
 
     def __repr__(self) -> str:
         shape = f"{self.mean.dtype}{list(self.mean.shape)}"
-        return f"Curvature({shape} in 1/{self.unit}, scale {self.scale_px:.3g} px)"
+        return f"Curvature({shape} in 1/{self.unit}, scale {self.scale_px:g} px)"
 
     @property
     def principal(self) -> tuple[Float32, Float32]:

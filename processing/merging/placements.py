@@ -292,12 +292,9 @@ def _whole(fields: Sequence[FieldRows], placements: Float64) -> tuple[Float64, t
     """Return matrices into the pixels of the whole, and its size."""
     matrices = np.array([matrix_of(one) for one in placements])
     ends = [ends_of(one, field.size) for one, field in zip(matrices, fields, strict=True)]
-    left = min(float(x.min()) for x, _ in ends)
-    top = min(float(y.min()) for _, y in ends)
-    # Whole pixels: the first field keeps its own ones.
-    left, top = math.floor(left), math.floor(top)
-    right = max(float(x.max()) for x, _ in ends)
-    bottom = max(float(y.max()) for _, y in ends)
+    # Whole pixels: the first field keeps its own ones. A field shows those to half a pixel around.
+    left, top = (round(min(float(one[axis].min()) for one in ends)) for axis in (0, 1))
+    right, bottom = (round(max(float(one[axis].max()) for one in ends)) for axis in (0, 1))
     matrices[:, 0, 2] -= left
     matrices[:, 1, 2] -= top
-    return matrices, (math.ceil(bottom) - top + 1, math.ceil(right) - left + 1)
+    return matrices, (bottom - top + 1, right - left + 1)

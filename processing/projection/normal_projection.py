@@ -16,7 +16,7 @@ from processing.projection.point_cloud import draw_points, fit_surfels, too_few_
 from processing.projection.rasterize import draw_mesh
 from processing.projection.rasterize_kernels import bounds, turned
 from processing.projection.view import fit_raster
-from rig import Notice, Progress, no_progress, short_repr
+from rig import Notice, Progress, figure, no_progress, short_repr
 from rig.arrays import Float32
 
 
@@ -149,9 +149,9 @@ def project(
     if not mask.any():
         raise EstimateError(
             f"no pixel centre shows the object: the image of {raster.size[1]} x "
-            f"{raster.size[0]} pixels covers {raster.size[1] * raster.pixel_mm:.3g} x "
-            f"{raster.size[0] * raster.pixel_mm:.3g} mm, the object is "
-            + " x ".join(f"{span:.3g}" for span in (high - low)[:2])
+            f"{raster.size[0]} pixels covers {figure(raster.size[1] * raster.pixel_mm, 3)} x "
+            f"{figure(raster.size[0] * raster.pixel_mm, 3)} mm, the object is "
+            + " x ".join(f"{figure(span, 3)}" for span in (high - low)[:2])
             + " mm in size"
         )
     normal_map = NormalMap(drawn.normals, mask)

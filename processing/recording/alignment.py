@@ -13,7 +13,7 @@ from calibration import EstimateError
 from processing.images.recorded_images import RecordedImages
 from processing.images.viewing_rays import View
 from processing.registration import find_image_shifts
-from rig import Notice, pluralize
+from rig import Notice, figure, pluralize
 from rig.arrays import Bool, Float64
 
 # ``auto``: if images are surely shifted; ``always``: also by less; ``off``: never.
@@ -126,7 +126,7 @@ def _notice(shifts_px: Float64, left_px: float) -> Notice:
     count = len(shifts_px)
     text = (
         f"camera or object moved: {pluralize(count, 'image was', 'images were')} moved back by up "
-        f"to {largest:.2g} px, and what is left is about {left_px:.1g} px"
+        f"to {figure(largest)} px, and what is left is about {figure(left_px, 1)} px"
     )
     return Notice("images-aligned", text, severity="info")
 
@@ -187,7 +187,8 @@ def lights_of_moved(
     far = far_mm > far_mm.max() / 5
     better = (losses[1] - losses[0])[far] / far_mm[far]
     clear = float(better.mean() / max(better.std(ddof=1) / len(better) ** 0.5, 1e-12))
-    moved = f"by up to {far_mm.max():.2g} mm, which turns lights by up to {turned_deg:.1f} degrees"
+    far = figure(far_mm.max())
+    moved = f"by up to {far} mm, which turns lights by up to {turned_deg:.1f} degrees"
     if clear > _CLEAR:
         return usual, []
     if clear < -_CLEAR:

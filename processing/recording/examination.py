@@ -11,6 +11,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from acquisition import Lights, Source
+from acquisition.source import setup_notices
 from calibration import EstimateError, Stack
 from processing.checks import limits
 from processing.checks.quality import Examined, ImageQuality, quality_of
@@ -49,9 +50,13 @@ from rig.arrays import Bool, Float32, Float64, Intp
 # A computed mask beyond these probably contains background.
 _LARGEST_SHARE = 0.8
 _MOST_BORDERS = 3
+# So many images show whether a mask is inverted: then so much of what stands out in them or is
+# outside the mask is both.
+_SOME, _INVERTED = 4, 0.5
 # A contrast above which a computed mask is hardly wrong; `object_mask` requires 3.
 _CLEAR = 10.0
-# An image shows no light if its brightest parts are below this fraction of those of the others.
+# An image shows no light if its brightest parts are below this fraction of those of the others. If
+# the others are below this fraction of its brightest parts, the strength of its light is wrong.
 _BLACK = 0.02
 _THREADS = 2
 # Pixels of the object, spread over it, whose brightness counts.
@@ -175,8 +180,7 @@ def _object_of(
 
 def _mask_warning(mask: Bool) -> list[Notice]:
     """Return a warning about a computed mask that probably contains background."""
-    share = float(mask.mean())
-    touched = sum(bool(border.any()) for border in (mask[0], mask[-1], mask[:, 0], mask[:, -1]))
+    share, touched = float(mask.mean()), _touched(mask)
     if share <= _LARGEST_SHARE and touched < _MOST_BORDERS:
         return []
     text = (
@@ -184,6 +188,42 @@ def _mask_warning(mask: Bool) -> list[Notice]:
         "it probably contains background; give a mask"
     )
     return [Notice("mask-fills-frame", text)]
+
+
+def _touched(mask: Bool) -> int:
+    """Return how many borders of the image a mask touches."""
+    return sum(bool(border.any()) for border in (mask[0], mask[-1], mask[:, 0], mask[:, -1]))
+
+
+def inverted_mask(images: Images, mask: Bool, elsewhere: Bool | None) -> list[Notice]:
+    """Return a doubt about a mask around what stands out in the images.
+
+    Parameters
+    ----------
+    images
+        N images ``(H, W)``, of which some are read.
+    mask
+        ``(H, W)`` bool.
+    elsewhere
+        ``(H, W)`` bool, pixels that are neither object nor background; None without any.
+    """
+    if _touched(mask) < _MOST_BORDERS:
+        return []
+    some = [images[i] for i in range(0, len(images), -(-len(images) // _SOME))]
+    try:
+        object_ = mask_of_images(some, mask.shape, elsewhere)
+    except EstimateError:
+        return []
+    outside = ~mask if elsewhere is None else ~(mask | elsewhere)
+    common, both = outside & object_.mask, outside | object_.mask
+    if np.count_nonzero(common) <= _INVERTED * np.count_nonzero(both):
+        return []
+    text = (
+        "what is outside the mask is an object "
+        f"{object_.contrast:.0f} times as bright as what is inside: the mask is probably inverted; "
+        "exchange black and white in the mask"
+    )
+    return [Notice("mask-inverted", text)]
 
 
 class Examination:
@@ -334,7 +374,9 @@ class Examination:
 
     def verdict(self, quality: ImageQuality, sigma_deg: float) -> Verdict:
         """Return what is probably wrong; ``sigma_deg`` is stated of the normals, the median."""
-        return quality.verdict(sigma_deg, [*self._doubts, *self._saturated()])
+        of_mask = inverted_mask(self.images, self.mask, self.source.not_object)
+        doubts = [*setup_notices(self.source), *self._doubts, *of_mask, *self._saturated()]
+        return quality.verdict(sigma_deg, doubts)
 
     def _saturated(self) -> list[Notice]:
         sample = self.sample()
@@ -473,7 +515,8 @@ def _repairs(quality: ImageQuality) -> Repairs:
 def lit_images(values: Images, mask: Bool) -> list[int]:
     """Return the indices of the images with light on the object.
 
-    The other images are black, because of a dead LED or a lost trigger.
+    The other images are black, because of a dead LED or a lost trigger, or so much brighter than
+    the others that the strength of their light is wrong.
 
     Parameters
     ----------
@@ -487,7 +530,8 @@ def lit_images(values: Images, mask: Bool) -> list[int]:
         bright = np.array(
             list(pool.map(lambda i: _brightness(values[i], pixels), range(len(values))))
         )
-    return [int(i) for i in np.flatnonzero(bright > _BLACK * np.median(bright))]
+    usual = np.median(bright)
+    return [int(i) for i in np.flatnonzero((bright > _BLACK * usual) & (_BLACK * bright < usual))]
 
 
 def _unlit_notices(values: Images, mask: Bool, ids: Sequence[str], lit: list[int]) -> list[Notice]:
@@ -498,11 +542,14 @@ def _unlit_notices(values: Images, mask: Bool, ids: Sequence[str], lit: list[int
     """
     out = [i for i in range(len(values)) if i not in lit]
     pixels = _spread(mask)
-    least = -_BLACK * float(np.median([_brightness(values[i], pixels) for i in lit]))
-    negative = [i for i in out if np.nanmedian(values[i][mask]) < least]
-    dark = [i for i in out if i not in negative]
+    usual = float(np.median([_brightness(values[i], pixels) for i in lit]))
+    bright = [i for i in out if _brightness(values[i], pixels) > usual]
+    negative = [i for i in out if np.nanmedian(values[i][mask]) < -_BLACK * usual]
+    dark = [i for i in out if i not in (*negative, *bright)]
     reasons = {
         "images left out because they show no light": dark,
+        f"images left out because they are more than {1 / _BLACK:.0f} times as bright as the "
+        "others (check the strengths of their lights)": bright,
         "images left out because most of their samples are negative (check what was subtracted)": (
             negative
         ),

@@ -13,7 +13,6 @@ import numpy as np
 
 from acquisition import DataError, MapRows, Source
 from acquisition.files import BandStore, MemoryMaps, check_unfinished, rows_in_bands
-from acquisition.source import setup_notices
 from calibration import Stack, linear_stack, open_stack
 from calibration.radiance import Channel, StackFiles, luma
 from processing.colour.colour_albedo import (
@@ -280,7 +279,6 @@ class NormalsStage:
             made = with_common_error(made, common_deg_of(verdict))
             warnings = (
                 *source.warnings,
-                *setup_notices(source),
                 *examined.images.warnings,
                 *of_images,
                 *examined.warnings,

@@ -14,7 +14,7 @@ from processing.roughness.areal_parameters import Parameter
 from processing.roughness.form import ORDERS
 from processing.roughness.gaussian import mean_line
 from processing.roughness.scale_limited import Resolution, Scales
-from rig import short_repr
+from rig import figure, short_repr
 from rig.arrays import Float64
 
 PROFILE: Final[Mapping[str, Parameter]] = {
@@ -103,7 +103,8 @@ def scale_limited_profile(heights_mm: Float64, scales: Scales, resolution: Resol
     sections = int(len(heights) * pixel / l_mm + 1e-9) if l_mm else 1
     if sections < 1:
         raise DataError(
-            f"the line is {len(heights) * pixel:.3g} mm long, shorter than a section of {l_mm:g} mm"
+            f"the line is {figure(len(heights) * pixel, 3)} mm long, shorter than a section "
+            f"of {l_mm:g} mm"
         )
     return Profile(heights - waves, waves, pixel, sections)
 

@@ -12,6 +12,7 @@ from acquisition import DataError
 from processing.maps.mask import bounding_box
 from processing.roughness.form import Form, fit_form
 from processing.roughness.gaussian import mean_surface
+from rig import figure
 from rig.arrays import Bool, Floating
 
 # Nesting indices in mm (ISO 25178-3, table 1): 1, 2, 2.5, 5 and 8 of each decade.
@@ -113,9 +114,9 @@ class Scales:
             s_mm = next((one for one in NESTING_MM if one >= least), least)
         elif s_mm < least:
             raise DataError(
-                f"an S-filter of {s_mm:g} mm is below what the images resolve: use {least:.2g} mm "
-                f"or more (lateral resolution {resolution.lateral_mm:.2g} mm, pixels of "
-                f"{resolution.pixel_mm:.2g} mm)"
+                f"an S-filter of {s_mm:g} mm is below what the images resolve: use {figure(least)} "
+                f"mm or more (lateral resolution {figure(resolution.lateral_mm)} mm, pixels of "
+                f"{figure(resolution.pixel_mm)} mm)"
             )
         l_mm = self.l_mm
         if l_mm is None:
@@ -127,7 +128,7 @@ class Scales:
             )
         if side_mm < max(l_mm, s_mm):
             raise DataError(
-                f"the area is {side_mm:.3g} mm wide, too small for a filter of "
+                f"the area is {figure(side_mm, 3)} mm wide, too small for a filter of "
                 f"{max(l_mm, s_mm):g} mm: the smallest area is {max(l_mm, s_mm):g} mm wide"
             )
         return Scales(self.form, s_mm, l_mm, self.robust)

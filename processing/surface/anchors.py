@@ -14,7 +14,7 @@ from processing.surface.multigrid_kernels import add_anchors
 from processing.surface.prior import HeightPrior
 from processing.surface.prior_outliers import prior_outliers
 from processing.surface.scale import Scale
-from rig import Notice, pluralize
+from rig import Notice, figure, pluralize
 from rig.arrays import Bool, Float32, Float64, Int32
 
 # Heights that are known in fewer pixels do not show in which unit they are; few only if they are
@@ -254,8 +254,8 @@ def drift_notice(drift: Float64, labels: Int32, scale: Scale) -> Notice:
     slope = scale.step_px * np.sqrt(np.mean(along**2) + np.mean(down**2))
     text = (
         f"the known heights show that the surface drifts by up to "
-        f"{size * np.ptp(drift[inside]):.3g} {scale.unit}, as if all normals were turned by "
-        f"{np.degrees(np.arctan(slope)):.2g} deg: this was removed"
+        f"{figure(size * np.ptp(drift[inside]), 3)} {scale.unit}, as if all normals were turned by "
+        f"{figure(np.degrees(np.arctan(slope)))} deg: this was removed"
     )
     return Notice("prior-drift", text, severity="info")
 
@@ -289,6 +289,7 @@ def _named(off: Float32, chosen: Bool, unit: str) -> str:
     """Return the places and errors of the chosen heights, the largest first."""
     rows, columns = np.nonzero(chosen)
     order = np.argsort(-np.abs(off[chosen]), kind="stable")[:_NAMED]
-    places = [f"{columns[i]},{rows[i]} by {off[rows[i], columns[i]]:.3g} {unit}" for i in order]
+    by = (figure(off[rows[i], columns[i]], 3) for i in order)
+    places = [f"{columns[i]},{rows[i]} by {text} {unit}" for i, text in zip(order, by, strict=True)]
     more = len(rows) - len(places)
     return f"column,row {'; '.join(places)}{f'; and {more} more' if more else ''}"

@@ -8,7 +8,7 @@ from acquisition.files import MapRows
 from processing.surface.guesses import Guesses
 from processing.surface.jumps import Jumps
 from processing.surface.multigrid import Solution
-from rig import Notice, pluralize
+from rig import Notice, figure, pluralize
 from rig.arrays import Bool, Int32
 
 
@@ -49,7 +49,7 @@ def doubts_of_jumps(jumps: Jumps | None, parts: MapRows, known: Bool | None = No
     if not jumps.settled:
         text = (
             f"the surface still moved in the last of {jumps.rounds} rounds, by "
-            f"{jumps.last_change:.2g} px on average: near jumps, its height may be inaccurate"
+            f"{figure(jumps.last_change)} px on average: near jumps, its height may be inaccurate"
         )
         warnings.append(Notice("jumps-not-settled", text, "", "info"))
     return warnings

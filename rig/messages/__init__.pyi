@@ -1,6 +1,7 @@
 from .notice import Notice as Notice
 from .notice import Progress as Progress
 from .notice import Severity as Severity
+from .notice import figure as figure
 from .notice import no_progress as no_progress
 from .notice import pluralize as pluralize
 from .representation import short_repr as short_repr

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from decimal import Decimal
 from typing import Final, Literal, Protocol, get_args
 
 Severity = Literal["info", "warning", "error"]
@@ -80,6 +81,19 @@ def listed(names: Iterable[str], most: int = 6, separator: str = ", ") -> str:
     before = " " if separator == ", " else separator
     more = f"{before}and {len(every) - most} more" if len(every) > most else ""
     return f"{separator.join(every[:most])}{more}"
+
+
+def figure(value: float, digits: int = 2) -> str:
+    """Return a number with so many digits, without an exponent.
+
+    Examples
+    --------
+    >>> from rig import figure
+    >>> figure(0.1234), figure(218.4), figure(0.000051)
+    ('0.12', '220', '0.000051')
+    """
+    text = f"{value:.{digits}g}"
+    return format(Decimal(text), "f") if "e" in text else text
 
 
 def pluralize(count: int, singular: str, plural: str | None = None) -> str:

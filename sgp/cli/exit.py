@@ -58,7 +58,8 @@ def exit_code(error: BaseException) -> int:
 def error_text(error: BaseException) -> str:
     """Return one line that says what went wrong, where, and what to do about it."""
     if isinstance(error, OSError) and not isinstance(error, tuple(kind for kind, _ in _CODES)):
-        return str(acquisition.files.storage_error(Path(error.filename or "."), "use it", error))
+        path = Path(error.filename or "standard output")  # what is printed goes to no named file
+        return str(acquisition.files.storage_error(path, "use it", error))
     if exit_code(error) == FAULT:
         return f"{type(error).__name__}: {error} (an error in this program: see --debug)"
     return str(error)

@@ -129,8 +129,7 @@ def spheres(
     places_mm = led_positions(rig, first.setup.rig)
     candidates = out.with_name(f"{out.stem}-candidates.png")
     estimate = calibration.spheres.record_setup(
-        _estimate(recordings, radius_mm, places_mm, candidates),
-        *[one.source for one in recordings],
+        _estimate(recordings, radius_mm, places_mm, candidates), *[one.source for one in recordings]
     )
     result = describe_spheres(estimate, source)
     result.outputs = outputs
@@ -218,10 +217,7 @@ def _estimate(
                 )
             stack = recordings[0].read()
             return calibration.calibrate_spheres(
-                stack,
-                masks=recordings[0].mask_images(),
-                circles=recordings[0].circles,
-                **known,
+                stack, masks=recordings[0].mask_images(), circles=recordings[0].circles, **known
             )
     except calibration.EstimateError as error:
         advise_to_exclude(error)
@@ -235,10 +231,7 @@ def _estimate(
 
 
 def _draw_candidates(
-    error: calibration.EstimateError,
-    recording: _Recording,
-    stack: calibration.Stack,
-    picture: Path,
+    error: calibration.EstimateError, recording: _Recording, stack: calibration.Stack, picture: Path
 ) -> None:
     """Write a picture of what may be a sphere, and add a note about it to an error.
 

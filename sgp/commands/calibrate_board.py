@@ -64,10 +64,7 @@ def board(
     return Result(
         outputs={"page": out, "board": sidecar},
         metrics=BoardMetrics(
-            width_mm=width,
-            height_mm=height,
-            corners=len(chosen.corners_mm),
-            markers=chosen.markers,
+            width_mm=width, height_mm=height, corners=len(chosen.corners_mm), markers=chosen.markers
         ),
         summary=[
             f"{out}: {columns} x {rows} squares, {width:g} x {height:g} mm on {paper.upper()}",

@@ -197,11 +197,7 @@ def _metrics(compared: calibration.LightComparison, beyond: Bool, order: list[in
 
 
 def _rows(
-    compared: calibration.LightComparison,
-    beyond: Bool,
-    order: list[int],
-    *,
-    intensities: bool,
+    compared: calibration.LightComparison, beyond: Bool, order: list[int], *, intensities: bool
 ) -> Iterator[str]:
     """Yield a table of at most 78 characters; lights beyond a limit have an asterisk."""
     columns = [("angle", [f"{value:.3f} deg" for value in compared.angle_deg])]

@@ -18,11 +18,7 @@ _RECORD = "calibrate-sensor.json"
 
 @writes_folder(_RECORD)
 def sensor(
-    source: Inputs,
-    *,
-    out: Path,
-    max_pixels: Pixels = rig.MAX_PIXELS,
-    force: bool = False,
+    source: Inputs, *, out: Path, max_pixels: Pixels = rig.MAX_PIXELS, force: bool = False
 ) -> Result:
     """Measure gain, noise, saturation and linearity of a sensor from frames of an evenly lit card.
 

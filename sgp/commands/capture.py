@@ -181,12 +181,7 @@ def resume(
             )
             return rehearsed(opened, recorded, missing)
         return resume_on_rig(
-            opened,
-            begun,
-            again,
-            asked=asked,
-            damaged=damaged,
-            accepting=accepting,
+            opened, begun, again, asked=asked, damaged=damaged, accepting=accepting
         )
 
 

@@ -36,10 +36,7 @@ def verify(session: Input) -> Result:
     """
     checked = acquisition.verify_session(session)
     result = Result(
-        metrics={
-            "whole": checked.ok,
-            **{name: getattr(checked, name) for name in _FIGURES},
-        },
+        metrics={"whole": checked.ok, **{name: getattr(checked, name) for name in _FIGURES}},
         warnings=list(checked.warnings),
         summary=list(checked.problems),
         ok=checked.ok and checked.complete,

@@ -168,11 +168,7 @@ def check(
     with rigs.open_rig(name) as opened, Stages() as progress:
         chosen, left_out = chosen_plan(plan, opened.config)
         flight = acquisition.preflights.preflight(
-            opened,
-            chosen,
-            out,
-            self_test=not quick,
-            on_progress=progress,
+            opened, chosen, out, self_test=not quick, on_progress=progress
         )
         notices = [*_left_out(left_out), *_metered_disk(opened, chosen, flight)]
     failed = [check.name for check in flight.failed]

@@ -159,9 +159,7 @@ def _registered(
                 "known: compute the normals with `sgp normals` from 5 images at least, or leave "
                 "--significance out"
             )
-    # Two recordings may have the same list of lights, mask and dark frames.
-    shared = len(before.sources & after.sources)
-    if false_alarm is not None and 2 * shared > min(len(before.sources), len(after.sources)):
+    if false_alarm is not None and before.images & after.images:
         raise acquisition.DataError(
             f"{a} and {b}: were computed from the same images, so their errors are the same: the "
             "significance of changes needs two recordings"

@@ -11,7 +11,7 @@ import processing
 import rig
 from sgp.cli.options import FitScale, Green, Input, OptionalInput, Pixels, Positive
 from sgp.results import CurvatureMetrics, Result, claim_folder, writes_folder
-from sgp.stages import MapInput
+from sgp.stages import MapInput, recorded_pixel_mm
 
 
 @writes_folder("curvature.json")
@@ -31,8 +31,8 @@ def curvature(
     """Compute slopes, mean and Gaussian curvature from a normal map.
 
     Curvatures are positive where the surface is convex toward the camera. Their unit is 1/mm with
-    --pixel-mm or a camera at a known distance, else 1/pixel. Noise decreases with the square of the
-    scale, and relief finer than about 4 times the scale is lost.
+    a known size of a pixel or a camera at a known distance, else 1/pixel. Noise decreases with the
+    square of the scale, and relief finer than about 4 times the scale is lost.
 
     For example:
 
@@ -54,8 +54,8 @@ def curvature(
         depth.exr of `sgp surface`, for a camera with a working distance; default: the working
         distance everywhere.
     pixel_mm
-        Size of a pixel on the object in mm; without it and without a working distance, the unit is
-        the pixel.
+        Size of a pixel on the object in mm; default: the one that the record of the normals
+        states. Without it and without a working distance, the unit is the pixel.
     scale
         Standard deviation of the weights of the pixels around each, in pixels.
     green
@@ -67,6 +67,8 @@ def curvature(
     """
     from sgp.pictures import signed_panel, write_overview
 
+    if pixel_mm is None and camera is None:
+        pixel_mm = recorded_pixel_mm(normals)
     read = MapInput(normals, green, max_pixels=max_pixels).read()
     normal_map = read.normal_map
     if mask is not None:
@@ -89,6 +91,7 @@ def curvature(
     }
     result = Result(
         warnings=list(read.warnings),
+        parameters={"pixel_mm": pixel_mm},
         inputs=[*read.files, *(path for path in (mask, camera, depth) if path is not None)],
         outputs={name: out / f"{name}.exr" for name in maps},
     )
@@ -97,7 +100,7 @@ def curvature(
     metrics = _metrics(found)
     result.metrics = metrics
     per = f"1/{found.unit}"
-    title = f"Curvature, scale {metrics['scale']:.3g} {found.unit}"
+    title = f"Curvature, scale {rig.figure(metrics['scale'], 3)} {found.unit}"
     panels = [
         signed_panel("mean curvature, red: convex", found.mean, per),
         signed_panel("Gaussian curvature, blue: saddles", found.gaussian, f"{per}²"),
@@ -108,7 +111,7 @@ def curvature(
         f"{per}",
         f"Gaussian curvature  median {metrics['gaussian_median']:.4g} {per}²",
         f"{metrics['pixels']} of {np.count_nonzero(normal_map.mask)} pixels, scale "
-        f"{metrics['scale']:.3g} {found.unit}",
+        f"{rig.figure(metrics['scale'], 3)} {found.unit}",
     ]
     return result
 

@@ -179,10 +179,7 @@ def transfer(
         else:
             made = opened.enter_context(stage_maps(stage, maps, limit, read=read))
             done = Transferred.of_stage(stage, made)
-        result = Result(
-            warnings=[*done.warnings],
-            inputs=[*done.files, *local.masks()],
-        )
+        result = Result(warnings=[*done.warnings], inputs=[*done.files, *local.masks()])
         claim_folder(out, "normals.json")
         result.outputs = written.write(out, done.normals, done.mask)
         title = f"Detail of {source.name} on {target.name}"

@@ -182,18 +182,18 @@ def _written(
     if metrics["normal_sigma_deg"] is not None:
         sigma = fused["normal_sigma_deg"]
         panels.append(map_panel("standard deviation", sigma, "deg", crop, error=True))
-    title = f"{len(given)} fields, which fit to {metrics['residual_px']:.2g} px"
+    title = f"{len(given)} fields, which fit to {rig.figure(metrics['residual_px'])} px"
     write_overview(result.file("picture", folder / "merge.png"), title, panels)
     height, width = mask.shape
     result.summary = [
         f"{len(given)} fields in {width} x {height} pixels, {metrics['overlap']:.0%} seen several "
         "times",
         f"{rig.pluralize(len(stage.placements.pairs), 'pair')} of fields fit to "
-        f"{metrics['residual_px']:.2g} px rms",
+        f"{rig.figure(metrics['residual_px'])} px rms",
     ]
     if metrics["normal_sigma_deg"] is not None:
         result.summary.append(
-            f"standard deviation of normals {metrics['normal_sigma_deg']:.2g} deg (median)"
+            f"standard deviation of normals {rig.figure(metrics['normal_sigma_deg'])} deg (median)"
         )
     return result
 
@@ -251,24 +251,21 @@ def _metrics(
 def _pairs(
     names: Sequence[str], placements: processing.merging.Placements
 ) -> list[FieldPairMetrics]:
-    pairs = [_pair(names, pair, used=True) for pair in placements.pairs]
-    for number, pair in enumerate(pairs):
-        pair["residual_px"] = placements.residuals_px[number]
-        pair["deviations"] = placements.deviations[number]
-        pair["disagreement"] = placements.disagreements[number]
-    return [*pairs, *(_pair(names, pair, used=False) for pair in placements.rejected)]
-
-
-def _pair(
-    names: Sequence[str], pair: processing.merging.FieldPair, *, used: bool
-) -> FieldPairMetrics:
-    return {
-        "first": names[pair.first],
-        "second": names[pair.second],
-        "used": used,
-        "common_px": pair.common_px,
-        "correlation": pair.correlation,
-    }
+    pairs: list[FieldPairMetrics] = [
+        {
+            "first": names[pair.first],
+            "second": names[pair.second],
+            "used": number < len(placements.pairs),
+            "common_px": pair.common_px,
+            "correlation": pair.correlation,
+        }
+        for number, pair in enumerate((*placements.pairs, *placements.rejected))
+    ]
+    for number, residual_px in enumerate(placements.residuals_px):
+        pairs[number]["residual_px"] = residual_px
+        pairs[number]["deviations"] = placements.deviations[number]
+        pairs[number]["disagreement"] = placements.disagreements[number]
+    return pairs
 
 
 def _notices(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from sgp.cli.options import Input, Memory, Positive, SourceOptions
-from sgp.results import Result, claim_folder, input_hashes, writes_folder
+from sgp.results import Result, claim_folder, input_hashes, seen_in, writes_folder
 from sgp.stages import (
     MAPS,
     MapOptions,
@@ -73,10 +73,7 @@ def normals(
         folder = claim_folder(out, "normals.json", opened.files)
         result = write_normals_stage(folder, stage, maps, command="sgp normals", files=opened.files)
     result.inputs = opened.files
-    result.parameters |= {
-        "transfer": opened.source.transfer.record(),
-        "pixel_mm": pixel_mm,
-    }
+    result.parameters |= {**seen_in(opened.source), "pixel_mm": pixel_mm}
     add_sphere_lights(result, out, opened.lit_by, "sgp normals")
     if strict:
         result.refuse_unusable()

@@ -16,12 +16,7 @@ from sgp.results import RelightMetrics, Result, check_file
 
 
 def relight(
-    ptm: Input,
-    *,
-    light: str,
-    out: Path,
-    max_pixels: Pixels = rig.MAX_PIXELS,
-    force: bool = False,
+    ptm: Input, *, light: str, out: Path, max_pixels: Pixels = rig.MAX_PIXELS, force: bool = False
 ) -> Result:
     """Write a polynomial texture map (.ptm) as it looks under a light.
 

@@ -124,7 +124,8 @@ def roughness(
         regions=[one.metrics() for one in measured],
     )
     made.summary = [
-        f"pixels of {resolution.pixel_mm:.4g} mm, lateral resolution {resolution.lateral_mm:.3g} mm"
+        f"pixels of {rig.figure(resolution.pixel_mm, 4)} mm, lateral resolution "
+        f"{rig.figure(resolution.lateral_mm, 3)} mm"
     ]
     for one in measured:
         made.summary += one.lines()

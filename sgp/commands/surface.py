@@ -21,6 +21,7 @@ from sgp.stages import (
     SurfaceWay,
     camera_notices,
     integrated,
+    recorded_pixel_mm,
     with_remedy,
 )
 
@@ -68,7 +69,8 @@ def surface(
     albedo
         Image of colours for the mesh: albedo.exr, or a picture; default: none.
     camera
-        File of a perspective camera; default: orthographic projection.
+        File of a perspective camera; default: orthographic projection, with the scale that the
+        record of the normals states.
     sigma
         Standard deviations of the normals in degrees (normal_sigma_deg.exr of sgp normals and sgp
         run), so that noisy regions count less; default: all normals are equally certain.
@@ -96,6 +98,8 @@ def surface(
         Write into an output folder that already contains files.
     """
     options.sharpness()  # refuses options that exclude each other
+    if options.pixel_mm is None and camera is None:
+        options = replace(options, pixel_mm=recorded_pixel_mm(normals))
     if prior_sigma is not None and prior is None:
         raise UsageError("--prior-sigma is for known heights: give --prior too")
     if options.height_sigma and sigma is None:
@@ -120,6 +124,7 @@ def surface(
     result, _ = integrated(inputs, options, way, out, force=force)
     result.warnings = [_with_remedy(notice, green, options) for notice in result.warnings]
     result.inputs += [path for path in (mask, albedo, camera, sigma, prior) if path is not None]
+    result.parameters |= {"pixel_mm": options.pixel_mm}
     return result
 
 

@@ -77,11 +77,7 @@ class Crop:
         """Number of pixels of the image per pixel of the picture."""
         return max(1.0, max(self.size) / self.most_px)
 
-    def picture(
-        self,
-        values: AnyArray | acquisition.MapRows,
-        mask: Bool | None = None,
-    ) -> Float32:
+    def picture(self, values: AnyArray | acquisition.MapRows, mask: Bool | None = None) -> Float32:
         """Cut out a map or an image, ``(H, W)`` or ``(H, W, 3)``, and reduce it.
 
         Pixels are averaged; NaN and pixels outside the mask are left out. A pixel of the picture is

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 import acquisition
+from rig import figure
 from rig.arrays import Float64
 from sgp.pictures.lights import short_names
 from sgp.pictures.sheet import Panel, rounded_down, set_plot_area
@@ -73,7 +74,7 @@ def ellipsoids_panel(lights: acquisition.Lights) -> Panel | None:
 
     unit, scale = (" mm", 1.0) if lights.near else ("°", 180 / np.pi)
     median, largest = scale * np.median(sigmas), scale * sigmas.max()
-    text = f"median {median:.2g}{unit}, largest {largest:.2g}{unit}"
+    text = f"median {figure(median)}{unit}, largest {figure(largest)}{unit}"
     title = f"error ellipsoids (1 sigma), enlarged {factor:g} times; {text}"
     return Panel(title, draw, 1.2)
 

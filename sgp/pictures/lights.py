@@ -145,11 +145,7 @@ def _evenly(count: int) -> list[int]:
 
 
 def _free_box(
-    places: Float64,
-    index: int,
-    size: tuple[float, float],
-    taken: Sequence[Box],
-    frame: Bbox,
+    places: Float64, index: int, size: tuple[float, float], taken: Sequence[Box], frame: Bbox
 ) -> Box | None:
     """Return a free box for the name of a light that is nearer to it than to others, or None."""
     (x, y), (width, height) = places[index].tolist(), size

@@ -93,8 +93,8 @@ def _heights(folder: ResultFolder, max_pixels: int, notices: list[rig.Notice]) -
 
 def _conditions(figures: Any) -> Iterator[tuple[str, str]]:
     yield "Size of a pixel", f"{figures['pixel_mm']:.4g} mm at the mean height"
-    resolution = f"{figures['lateral_resolution_mm']:.3g} mm: half of the amplitude remains"
-    yield "Lateral resolution", resolution
+    lateral = rig.figure(figures["lateral_resolution_mm"], 3)
+    yield "Lateral resolution", f"{lateral} mm: half of the amplitude remains"
     yield "Blur of the lens", f"{figures['lens_blur_px']:.2g} pixels (standard deviation)"
     for one in figures["regions"]:
         yield one["name"], _scales(one)

@@ -21,10 +21,7 @@ _STATED: Final = "as the recording states"
 
 
 def instrument_rows(
-    folder: ResultFolder,
-    recording: Recording,
-    notices: list[rig.Notice],
-    check: Path | None = None,
+    folder: ResultFolder, recording: Recording, notices: list[rig.Notice], check: Path | None = None
 ) -> list[Row]:
     """Return terms and texts about the instrument, as far as records and files state it.
 
@@ -101,14 +98,14 @@ def _lights(lights: acquisition.Lights | None) -> str:
     if sigmas is None:
         parts.append("standard deviations not known")
     elif lights.near:
-        parts.append(f"standard deviation of positions {np.median(sigmas):.2g} mm (median)")
+        parts.append(f"standard deviation of positions {rig.figure(np.median(sigmas))} mm (median)")
     else:
         sigma = np.degrees(np.median(sigmas))
-        parts.append(f"standard deviation of directions {sigma:.2g} deg (median)")
+        parts.append(f"standard deviation of directions {rig.figure(sigma)} deg (median)")
     errors = lights.errors
     if errors is not None and errors.intensity_std is not None:
         share = np.nanmedian(errors.intensity_std / np.asarray(lights.intensities))
-        parts.append(f"of intensities {100 * share:.2g} %")
+        parts.append(f"of intensities {rig.figure(100 * share)} %")
     return ", ".join(parts)
 
 
@@ -123,9 +120,9 @@ def _camera(path: Path | None, source: acquisition.Source | None) -> str:
         figures: Any = record.metrics
         sigma, corner = figures.get("std"), figures.get("corner_std_px")
         if sigma:
-            parts.append(f"standard deviation of the focal length {sigma[0]:.2g} px")
+            parts.append(f"standard deviation of the focal length {rig.figure(sigma[0])} px")
         if corner:
-            parts.append(f"of a corner {corner:.2g} px")
+            parts.append(f"of a corner {rig.figure(corner)} px")
     return ", ".join([*parts, path.name])
 
 
@@ -164,7 +161,7 @@ def _flat(path: Path | None, source: acquisition.Source | None) -> str:
     parts = [_date(None if flat.calibrated is None else flat.calibrated.time_utc)]
     for what, sigma in (("pixels", flat.pixel_std), ("the gradient", flat.gradient_std)):
         if sigma is not None:
-            parts.append(f"standard deviation of {what} {100 * sigma:.2g} %")
+            parts.append(f"standard deviation of {what} {rig.figure(100 * sigma)} %")
     return ", ".join([*parts, path.name])
 
 

@@ -143,12 +143,7 @@ def embed(maps: FolderMaps, most_pixels: float, *, full: bool = False) -> Embedd
 
 
 def embed_beside(
-    values: Values,
-    mask: Bool,
-    result: Embedded,
-    most_pixels: float,
-    *,
-    full: bool = False,
+    values: Values, mask: Bool, result: Embedded, most_pixels: float, *, full: bool = False
 ) -> Embedded:
     """Return the planes of a map that a result was computed from.
 
@@ -184,12 +179,7 @@ def _reduced(crop: Crop, most_pixels: float) -> Crop:
 
 
 def _planes(
-    name: str,
-    values: Values,
-    mask: Bool,
-    crop: Crop,
-    unit: str,
-    tiles: list[Tile] | None,
+    name: str, values: Values, mask: Bool, crop: Crop, unit: str, tiles: list[Tile] | None
 ) -> dict[str, Plane]:
     inside = mask
     if name in MASKS:

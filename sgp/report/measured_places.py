@@ -12,6 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 import acquisition
+from rig import figure
 from rig.arrays import AnyArray, Bool, Float32, Floating
 from sgp.pictures import Crop
 from sgp.report.html import Html, tag
@@ -64,7 +65,7 @@ def area_figure(
     picture = _coloured(shown, inside, most, _shade(around, crop.step * pixel_mm))
     label = f"Scale-limited heights of {one['name']}"
     drawing = _svg(picture, crop, _mark({**one, "name": ""}, max(crop.size)), label)
-    size = f"{width * pixel_mm:.3g} x {height * pixel_mm:.3g} mm"
+    size = f"{figure(width * pixel_mm, 3)} x {figure(height * pixel_mm, 3)} mm"
     caption = f"{label}, {size}; the colours leave out {_TAIL:.0%} of the pixels"
     return tag("figure", drawing, _colour_scale(most), tag("figcaption", caption))
 
@@ -143,9 +144,9 @@ def _colour_scale(most: float) -> Html:
         tag("rect", x=40 + n * width, y=2, width=width + 0.3, height=10, fill=f"rgb({r},{g},{b})")
         for n, (r, g, b) in enumerate(colours.tolist())
     ]
-    for x, text in ((40, f"-{most:.3g}"), (160, "0"), (280, f"{most:.3g} µm")):
+    for x, text in ((40, f"-{figure(most, 3)}"), (160, "0"), (280, f"{figure(most, 3)} µm")):
         parts.append(tag("text", text, x=x, y=24, text_anchor="middle"))
-    label = f"Colours from -{most:.3g} to {most:.3g} µm"
+    label = f"Colours from -{figure(most, 3)} to {figure(most, 3)} µm"
     return tag("svg", parts, viewBox="0 0 320 28", class_="colours", role="img", aria_label=label)
 
 

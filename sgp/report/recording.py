@@ -195,10 +195,7 @@ def _upright(frame: acquisition.session.SessionFrame, mounting: rig.Mounting) ->
 
 
 def _unchanged(
-    source: acquisition.Source,
-    shots: list[_Shot],
-    inputs: Inputs,
-    notices: list[rig.Notice],
+    source: acquisition.Source, shots: list[_Shot], inputs: Inputs, notices: list[rig.Notice]
 ) -> list[_Shot]:
     """Return the images that the records of the result name, or that a file named there proves.
 

@@ -240,7 +240,7 @@ def _lead(parts: Sequence[Part]) -> str:
             full += f", reduced from {wide} x {high}"
         if part.maps.unit == "mm":
             size = part.maps.pixel_size / (part.maps.crop.step if part.maps.tiles else 1)
-            full += f", {1000 * size:.3g} µm each"
+            full += f", {rig.figure(1000 * size, 3)} µm each"
         texts.append(f"{part.name}: {full}" if len(parts) > 1 else full)
     return "; ".join(texts)
 

@@ -32,11 +32,7 @@ _COMPANIONS: Final = {
 # By command: outputs that the picture of the result does not show.
 _OWN: Final = {"sgp detail separate": {"shape": "Shape component"}}
 # Options that state the direction of green, by parameter.
-_GREEN: Final = {
-    "target": "target_green",
-    "source": "source_green",
-    "onto": "target_green",
-}
+_GREEN: Final = {"target": "target_green", "source": "source_green", "onto": "target_green"}
 
 
 def companions(

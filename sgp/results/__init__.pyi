@@ -78,6 +78,7 @@ from .recordings import CALIBRATIONS as CALIBRATIONS
 from .recordings import JOURNAL as JOURNAL
 from .recordings import compacted_since as compacted_since
 from .recordings import recordings_of as recordings_of
+from .recordings import seen_in as seen_in
 from .result import Result as Result
 from .result import dumps as dumps
 from .result import json_table as json_table

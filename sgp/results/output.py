@@ -7,7 +7,8 @@ import inspect
 import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
+from contextvars import ContextVar
 from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -29,6 +30,8 @@ except ImportError:  # Windows: two commands in one folder are not detected
     fcntl = None  # type: ignore[assignment]
 
 P = ParamSpec("P")
+# Through which a command locks its folders until it ends, and whether these may contain a result.
+_claims: ContextVar[tuple[ExitStack, bool] | None] = ContextVar("claims", default=None)
 
 
 def writes_folder(record: str) -> Callable[[Callable[P, Result]], Callable[P, Result]]:
@@ -53,11 +56,14 @@ def writes_folder(record: str) -> Callable[[Callable[P, Result]], Callable[P, Re
             out, force = parameters.pop("out"), parameters.pop("force")
             if out is None:
                 return command(*args, **kwargs)
-            check_output(out, parameters.values(), force=force or _cut_short(out / record))
-            result = command(*args, **kwargs)
-            made = parameters | result.parameters
-            write_record(out / record, _name(command), made, result, defaults=defaults)
-            return result
+            force = force or _cut_short(out / record)
+            check_output(out, parameters.values(), force=force)
+            with ExitStack() as stack:
+                stack.callback(_claims.reset, _claims.set((stack, force)))
+                result = command(*args, **kwargs)
+                made = parameters | result.parameters
+                write_record(out / record, _name(command), made, result, defaults=defaults)
+                return result
 
         return run
 
@@ -97,10 +103,18 @@ def claim_folder(out: Path, record: str, inputs: Iterable[Path] = ()) -> Path:
         If an input was changed after the command had opened it.
     StorageError
         If the folder cannot be created or a file cannot be removed.
+    UsageError
+        If another command writes into the folder, or has done so since this one began.
     """
     acquisition.files.check_publishing()
     input_hashes(inputs)
     acquisition.make_folder(out)
+    if claims := _claims.get():
+        stack, force = claims
+        other = f"{out}: another command writes its result there: give another --out"
+        stack.enter_context(locked(out, other))
+        if not force and (out / record).exists():  # not there when the command began
+            raise UsageError(other)
     acquisition.files.remove_part_files(out)
     for path in earlier_files(out, record):
         try:
@@ -132,7 +146,7 @@ def flat_parameters(arguments: Mapping[str, Any]) -> dict[str, Any]:
     flat: dict[str, Any] = {}
     for name, value in arguments.items():
         if is_dataclass(value) and not isinstance(value, type):
-            flat |= {field.name: getattr(value, field.name) for field in fields(value)}
+            flat |= {one.name: getattr(value, one.name) for one in fields(value)}
         else:
             flat[name] = value
     return flat

@@ -9,6 +9,7 @@ import numpy as np
 
 import acquisition
 import processing
+from rig import figure
 from rig.arrays import Float64
 from sgp.results.stage_metrics import NormalsMetrics, QualityMetrics, SampleShares
 
@@ -80,8 +81,8 @@ def sigma_lines(metrics: NormalsMetrics) -> list[str]:
     sigma, common = metrics["normal_sigma_deg"], metrics["normal_sigma_common_deg"]
     lines = []
     if sigma is not None and np.isfinite(sigma):
-        of_lights = f", of which {common:.2g} deg by lights and height" if common else ""
-        lines.append(f"standard deviation of normals {sigma:.2g} deg (median){of_lights}")
+        of_lights = f", of which {figure(common)} deg by lights and height" if common else ""
+        lines.append(f"standard deviation of normals {figure(sigma)} deg (median){of_lights}")
     named = {"attached": "attached shadow", "cast": "cast shadow"}
     parts = [
         f"{share:.0%} {named.get(kind, kind)}"

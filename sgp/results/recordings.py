@@ -42,6 +42,12 @@ def recordings_of(
     return list(dict.fromkeys(found))
 
 
+def seen_in(source: acquisition.Source) -> dict[str, Any]:
+    """Return the parameters of a record about its images: curve, and files that show the object."""
+    images = [str(frame.path) for frame in source.frames if frame.role == "light"]
+    return {"transfer": source.transfer.record(), "images": images}
+
+
 def _of_folder(folder: Path, names: set[str]) -> Iterator[acquisition.Identity]:
     for name in sorted(names):
         identity = acquisition.source.read_identity(folder / name)

@@ -8,6 +8,7 @@ from dataclasses import asdict, fields
 from typing import Any
 
 import processing
+from rig import figure
 
 LABELS: dict[str, str] = {"good": "good", "check": "check", "do-not-use": "do not use"}
 # Causes that the last line names.
@@ -34,7 +35,7 @@ def unexplained_text(verdict: processing.checks.Verdict) -> str:
         return ""
     return (
         f"a residual of {verdict.residual:.1%} of the signal is not explained "
-        f"(normals may change by {verdict.unexplained_deg:.2g} deg)"
+        f"(normals may change by {figure(verdict.unexplained_deg)} deg)"
     )
 
 
@@ -44,9 +45,10 @@ def good_result(verdict: processing.checks.Verdict) -> str:
         return "but too little data: neither lights nor normals could be tested"
     if verdict.tried == ("lights-mirrored",):
         return "but too few images or pixels to test room light, curve, lights and shifts"
-    text = f"nothing was found that changes the normals by more than {verdict.matters_deg:.2g} deg"
+    least = figure(verdict.matters_deg)
+    text = f"nothing was found that changes the normals by more than {least} deg"
     if verdict.sigma_deg > 1:
-        text += f"; their standard deviation is {verdict.sigma_deg:.2g} deg"
+        text += f"; their standard deviation is {figure(verdict.sigma_deg)} deg"
     return text
 
 

@@ -79,8 +79,9 @@ def verify_results(roots: Sequence[Path]) -> Verification:
                 inputs.setdefault((name, digest), one.path)
         if found.records + found.faults == before:
             raise UsageError(
-                f"{root}: has no record of a result: give a folder that sgp has written "
-                "(`capture verify` checks recordings)"
+                f"{root}: has no record of a result, as if the command that writes it was stopped: "
+                "run it again, or give a folder that sgp has written (`capture verify` checks "
+                "recordings)"
             )
     _check_outputs(outputs, found)
     _check_inputs(inputs, found)
@@ -93,6 +94,11 @@ def _statements(root: Path, found: Verification) -> Iterator[_Statement]:
             if is_record(path):
                 record = read_record(path)
                 _check_seal(path, record, found)
+                whole = path.parent.parent / "summary.json"
+                if record.command == "sgp run" and path.name != whole.name and not whole.exists():
+                    text = "no summary.json: `sgp run` was stopped, or stages were copied"
+                    notice = rig.Notice("result-unfinished", text, str(whole.parent))
+                    found.notices += [] if notice in found.notices else [notice]
                 files = dict.fromkeys(record.outputs.values()) | record.files
                 yield _Statement(path, record.command, record.inputs, files)
             elif (made_by := _provenance(path)) is not None:

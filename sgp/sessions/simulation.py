@@ -147,11 +147,7 @@ def record_simulated(
     height, width = scene.lens.size
     timeout_s = min(max(_FRAME_S, _S_PER_PIXEL * height * width), _LONGEST_FRAME_S)
     config = rigs.RigConfig(
-        name="simulated",
-        driver="simulated",
-        leds=leds,
-        dead_leds=dead,
-        frame_timeout_s=timeout_s,
+        name="simulated", driver="simulated", leds=leds, dead_leds=dead, frame_timeout_s=timeout_s
     )
     # Nothing moves or fades between the frames of a rendering.
     plan = acquisition.CapturePlan(leds=tuple(range(leds)), exposures_us=exposures_us, repeat=False)

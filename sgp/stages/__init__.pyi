@@ -32,6 +32,7 @@ from .relightable import fit_result as fit_result
 from .relightable import write_relightable as write_relightable
 from .result_source import find_normals as find_normals
 from .result_source import has_normals as has_normals
+from .result_source import recorded_pixel_mm as recorded_pixel_mm
 from .run_stages import Outcome as Outcome
 from .run_stages import RunOptions as RunOptions
 from .run_stages import processed as processed

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 
 import acquisition
@@ -29,11 +30,14 @@ class FieldResult:
         Size of a pixel of the maps on the object, if the record states it.
     files
         Files of the maps.
+    images
+        Hashes of the images that it was computed from.
     """
 
     rows: processing.merging.FieldRows
     pixel_mm: float | None
     files: tuple[Path, ...]
+    images: frozenset[str]
 
 
 def open_fields(paths: Sequence[Path], max_pixels: int, opened: ExitStack) -> list[FieldResult]:
@@ -44,9 +48,16 @@ def open_fields(paths: Sequence[Path], max_pixels: int, opened: ExitStack) -> li
     UsageError
         If a folder has no record of normals.
     DataError
-        If a file is missing or cannot be read, or the sizes of pixels differ.
+        If a file is missing or cannot be read, the sizes of pixels differ, or two results are of
+        the same images.
     """
     fields = [_field(path, max_pixels, opened) for path in paths]
+    for one, other in combinations(fields, 2):
+        if one.images & other.images:
+            raise acquisition.DataError(
+                f"{one.rows.name} and {other.rows.name}: were computed from the same images, so "
+                "their errors are the same: give one of them"
+            )
     known = [(field.pixel_mm, field.rows.name) for field in fields if field.pixel_mm is not None]
     if known:
         (least, smaller), (most, larger) = min(known), max(known)
@@ -92,4 +103,4 @@ def _field(path: Path, max_pixels: int, opened: ExitStack) -> FieldResult:
         maps.get("normal_sigma_deg") if has_sigma else None,
         float(common) if isinstance(common, (int, float)) else 0.0,
     )
-    return FieldResult(rows, found.pixel_mm(), (*present.values(), mask))
+    return FieldResult(rows, found.pixel_mm(), (*present.values(), mask), found.images)

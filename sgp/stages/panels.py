@@ -111,10 +111,7 @@ def surface_panels(
 
 
 def _highlights(
-    specular: acquisition.MapRows,
-    albedo: acquisition.MapRows,
-    mask: Bool,
-    crop: Crop,
+    specular: acquisition.MapRows, albedo: acquisition.MapRows, mask: Bool, crop: Crop
 ) -> Panel:
     """Return a map of the specular residual, relative to the mean albedo."""
     white, above = _mean(albedo, mask), _mean(specular, mask)
@@ -126,10 +123,7 @@ def _highlights(
 
 
 def _residual(
-    residual: acquisition.MapRows,
-    albedo: acquisition.MapRows,
-    mask: Bool,
-    crop: Crop,
+    residual: acquisition.MapRows, albedo: acquisition.MapRows, mask: Bool, crop: Crop
 ) -> Panel:
     """Return a map of the residual relative to the signal."""
 

@@ -13,7 +13,6 @@ import rig
 from processing.registration import Field
 from rig.arrays import Float32
 from sgp.cli.exit import UsageError
-from sgp.results import ResultRecord
 from sgp.stages.maps import MapInput
 from sgp.stages.result_source import NormalsResult, find_normals, open_source_of
 from sgp.stages.sigma_map import read_sigma
@@ -31,9 +30,9 @@ class FieldInput:
         Size of a pixel on the object; None if it is not known.
     blur_px
         Standard deviation of the blur of the lens; None if it is not known.
-    sources
-        Hashes of the files of the recording that the field was computed from, such as its images;
-        empty if they are not known.
+    images
+        Hashes of the images of the object that the field was computed from; empty if they are not
+        known.
     files, notices
         The files, and notices about them.
     """
@@ -41,7 +40,7 @@ class FieldInput:
     field: Field
     pixel_mm: float | None
     blur_px: float | None
-    sources: frozenset[str]
+    images: frozenset[str]
     files: list[Path]
     notices: list[rig.Notice]
 
@@ -78,7 +77,7 @@ def read_field(given: MapInput, pixel_mm: float | None) -> FieldInput:
         field,
         pixel_mm or _pixel_mm(path, found, max_pixels),
         float(blur) if isinstance(blur, (int, float)) else None,
-        _sources(found.record),
+        found.images,
         files,
         notices,
     )
@@ -92,12 +91,3 @@ def _pixel_mm(path: Path, found: NormalsResult, max_pixels: int) -> float | None
     recording, stated = opened
     unit, size = processing.surface.surface_scale(recording.source.camera, stated)
     return size if unit == "mm" else None
-
-
-def _sources(record: ResultRecord) -> frozenset[str]:
-    source = Path(str(record.parameters.get("source")))
-    return frozenset(
-        digest
-        for name, digest in record.inputs.items()
-        if Path(name) == source or source in Path(name).parents
-    )

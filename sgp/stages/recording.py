@@ -14,12 +14,7 @@ import processing
 import rig
 from sgp.cli.console import Stages
 from sgp.cli.exit import UsageError
-from sgp.cli.options import (
-    RIG_LIGHTS,
-    RecordingOptions,
-    transfer_files,
-    transfer_of,
-)
+from sgp.cli.options import RIG_LIGHTS, RecordingOptions, transfer_files, transfer_of
 from sgp.results import input_hashes
 from sgp.rigs import given_lights, led_positions, rig_notices, rig_with_positions
 from sgp.stages.spheres import SphereLights, light_by_spheres

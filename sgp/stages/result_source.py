@@ -49,6 +49,13 @@ class NormalsResult:
         found = self.record.metrics.get("mean_height_mm")
         return float(found) if isinstance(found, (int, float)) else 0.0
 
+    @property
+    def images(self) -> frozenset[str]:
+        """Hashes of the images of the object; empty in records of earlier programs."""
+        names, inputs = self.record.parameters.get("images"), self.record.inputs
+        known = names if isinstance(names, list) else []
+        return frozenset(inputs[str(name)] for name in known if str(name) in inputs)
+
     def pixel_mm(self) -> float | None:
         """Return the size of a pixel of the maps, None if no option stated it.
 
@@ -84,6 +91,14 @@ def find_normals(path: Path) -> NormalsResult:
         f"{path}: has neither {_RECORD} nor normals/{_RECORD}: give a folder that sgp run or sgp "
         "normals has written"
     )
+
+
+def recorded_pixel_mm(normals: Path) -> float | None:
+    """Return the size of a pixel that the record of a normal map states, None without one."""
+    try:
+        return find_normals(normals if normals.is_dir() else normals.parent).pixel_mm()
+    except UsageError:
+        return None
 
 
 def find_surface(path: Path) -> tuple[Path, ResultRecord]:

@@ -27,6 +27,7 @@ from sgp.results import (
     output_fault,
     read_record,
     recorded_verdict,
+    seen_in,
     verdict_record,
     write_record,
 )
@@ -221,8 +222,7 @@ class _Run:
 
     def outcome(self, watch: Stopwatch) -> Outcome:
         """Compute what is missing, and draw all stages."""
-        chosen = {"transfer": self.source.transfer.record()}
-        merged = Result(inputs=self.files, parameters=chosen)
+        merged = Result(inputs=self.files, parameters=seen_in(self.source))
         stages = {
             "normals": (self._normals, self._draw_normals),
             "detail": (self._detail, self._draw_detail),
@@ -295,7 +295,7 @@ class _Run:
         made = {
             "source": self.source.path,
             **self.given.by_name(),
-            "transfer": self.source.transfer.record(),
+            **seen_in(self.source),
             **result.parameters,
         }
         defaults = RunOptions().by_name()

@@ -40,10 +40,7 @@ class SigmaMap:
 
 
 def read_sigma(
-    path: Path,
-    mask: Bool,
-    max_pixels: int,
-    store: acquisition.files.BandStore | None = None,
+    path: Path, mask: Bool, max_pixels: int, store: acquisition.files.BandStore | None = None
 ) -> SigmaMap:
     """Read standard deviations of normals in degrees, into a file next to maps if there are any."""
     common_deg = _common_deg(path)

@@ -191,10 +191,8 @@ def _say_errors(lights: acquisition.Lights) -> list[str]:
     unit = "mm" if lights.near else "deg"
     if not lights.near:
         sigma = np.degrees(sigma)
-    return [
-        f"standard deviation of a light: {np.median(sigma):.2g} {unit} (median), {sigma.max():.2g} "
-        f"{unit} (largest)"
-    ]
+    usual, most = rig.figure(np.median(sigma)), rig.figure(sigma.max())
+    return [f"standard deviation of a light: {usual} {unit} (median), {most} {unit} (largest)"]
 
 
 def draw_spheres(

@@ -399,4 +399,4 @@ def _add_prior(
     figures = {"prior_heights": len(off), "prior_rms": rms, "prior_sigma": stated}
     result.metrics = {**result.metrics, **figures}
     heights = rig.pluralize(len(off), "known height")
-    result.summary.append(f"{rms:.2g} {height_map.unit} rms from {heights}")
+    result.summary.append(f"{rig.figure(rms)} {height_map.unit} rms from {heights}")

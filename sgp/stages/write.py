@@ -9,6 +9,7 @@ import numpy as np
 
 import acquisition
 import processing
+from rig import figure
 from rig.arrays import Bool
 from sgp.cli.console import shown
 from sgp.results import (
@@ -85,11 +86,7 @@ def write_normals_stage(
 
 
 def _write_lights(
-    result: Result,
-    path: Path,
-    stage: processing.Reconstruction,
-    command: str,
-    files: list[Path],
+    result: Result, path: Path, stage: processing.Reconstruction, command: str, files: list[Path]
 ) -> None:
     """Write the lights if they are not those of the source."""
     lights = stage.source.lights if stage.strengths is None else stage.strengths.lights
@@ -146,7 +143,7 @@ def _height_line(metrics: NormalsMetrics) -> list[str]:
         return []
     sigma = metrics.get("mean_height_sigma_mm")
     # Gloss would shift the height that explains the images best.
-    known = "" if sigma is None else f" (sd {sigma:.2g}, if it is matte)"
+    known = "" if sigma is None else f" (sd {figure(sigma)}, if it is matte)"
     mean, lowest = metrics["mean_height_mm"], metrics["lowest_height_mm"]
     return [
         f"mean height {mean:.2f} mm above the working plane{known}, lowest part {lowest:.2f} mm"
@@ -167,7 +164,7 @@ def _distance_line(metrics: NormalsMetrics) -> list[str]:
     if "light_distance_mm" not in metrics:
         return []
     away, sigma = metrics["light_distance_mm"], metrics.get("light_distance_sigma_mm")
-    known = "" if sigma is None else f" (sd {sigma:.2g})"
+    known = "" if sigma is None else f" (sd {figure(sigma)})"
     return [
         f"lights {away:.0f} mm{known} from the middle of the object: their positions are written"
     ]
@@ -221,10 +218,7 @@ def normals_metrics(stage: processing.Reconstruction) -> NormalsMetrics:
 
 
 def write_separation(
-    folder: Path,
-    parts: acquisition.files.Maps,
-    mask: Bool,
-    maps: MapOptions = MAPS,
+    folder: Path, parts: acquisition.files.Maps, mask: Bool, maps: MapOptions = MAPS
 ) -> Result:
     """Write shape and detail as EXR and 16-bit PNG, with their mask; return files and figures."""
     outputs = {

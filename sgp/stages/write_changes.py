@@ -177,17 +177,18 @@ def _lines(found: Changes, levels: list[LevelMetrics], size: float, unit: str) -
     for number, one in enumerate(found.changes[:_LISTED], 1):
         if one.kind == "surface":
             deviation = 2 * size * one.height_sigma_px
-            what = f"height {size * one.height_px:.3g} +- {deviation:.2g} {unit} (k = 2)"
+            height = rig.figure(size * one.height_px, 3)
+            what = f"height {height} +- {rig.figure(deviation)} {unit} (k = 2)"
         else:
             what = f"albedo times {one.albedo_factor:.3f} +- {2 * one.albedo_sigma:.3f} (k = 2)"
         lines.append(
-            f"  {number}: column {one.column}, row {one.row}, {size * one.length_px:.2g} x "
-            f"{size * one.width_px:.2g} {unit}, {what}, {abs(one.z):.1f} sigma"
+            f"  {number}: column {one.column}, row {one.row}, {rig.figure(size * one.length_px)} x "
+            f"{rig.figure(size * one.width_px)} {unit}, {what}, {abs(one.z):.1f} sigma"
         )
     if count > _LISTED:
         lines.append(f"  and {count - _LISTED} more in changes.csv")
     lines += [
-        f"detection     {level['width']:.3g} {unit} wide: scratches deeper than "
+        f"detection     {rig.figure(level['width'], 3)} {unit} wide: scratches deeper than "
         f"{_depth(level['scratch'])}, spots deeper than {_depth(level['spot'])} {unit} would have "
         "been found with 95 %"
         for level in levels
@@ -196,7 +197,7 @@ def _lines(found: Changes, levels: list[LevelMetrics], size: float, unit: str) -
 
 
 def _depth(value: float | None) -> str:
-    return "any" if value is None else f"{value:.2g}"
+    return "any" if value is None else f"{rig.figure(value)}"
 
 
 def _finite(value: float) -> float | None:

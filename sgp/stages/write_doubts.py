@@ -8,6 +8,7 @@ import numpy as np
 
 import acquisition
 import processing
+from rig import figure
 from rig.arrays import Float32, UInt8
 from sgp.results import SurfaceMetrics
 
@@ -59,10 +60,10 @@ def height_sigma_lines(height_map: processing.HeightMap) -> list[str]:
         dict(zip(errors.distances_px, errors.difference_sigma, strict=True)),
     )
     shown = [distance for distance in _PRINTED if distance in table]
-    text = f"standard deviation of heights {_median(errors.sigma):.2g} {unit} (median)"
+    text = f"standard deviation of heights {figure(_median(errors.sigma))} {unit} (median)"
     if shown:
         distances = ", ".join(map(str, shown))
-        values = ", ".join(f"{table[distance]:.2g}" for distance in shown)
+        values = ", ".join(f"{figure(table[distance])}" for distance in shown)
         text += f"; of differences over {distances} px: {values} {unit}"
     return [text]
 

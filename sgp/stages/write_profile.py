@@ -10,6 +10,7 @@ import numpy as np
 
 import acquisition
 import processing
+from rig import figure
 from sgp.pictures import Panel, add_scale, set_plot_area, signed_panel, write_overview
 from sgp.results import HeightProfileMetrics, Result
 
@@ -28,9 +29,9 @@ def profile_panels(title: str, profile: processing.HeightProfile) -> list[Panel]
     differently in two regions of the surface, the plot has two branches; the map shows the regions.
     """
     return [
-        profile_panel(f"{title}, rms {profile.rms:.3g} {profile.unit}", profile),
+        profile_panel(f"{title}, rms {figure(profile.rms, 3)} {profile.unit}", profile),
         profile_panel(
-            f"5 x 5 means of the result, rms {profile.smoothed_rms:.3g} {profile.unit}",
+            f"5 x 5 means of the result, rms {figure(profile.smoothed_rms, 3)} {profile.unit}",
             profile,
             smoothed=True,
         ),
@@ -100,8 +101,8 @@ def write_height_profile(
     write_profile_data(data, profile)
     result.outputs |= {"height_profile": picture, "height_profile_data": data}
     result.summary.append(
-        f"heights       rms difference {profile.rms:.3g} {profile.unit}, range "
-        f"{profile.target_range:.3g} (smoothed {profile.smoothed_rms:.3g})"
+        f"heights       rms difference {figure(profile.rms, 3)} {profile.unit}, range "
+        f"{figure(profile.target_range, 3)} (smoothed {figure(profile.smoothed_rms, 3)})"
     )
     return {
         "height_rms_px": profile.rms,

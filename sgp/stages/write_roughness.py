@@ -133,9 +133,7 @@ def write_roughness(
         _write_table(result, "limits", out / "limits.csv", limits)
 
 
-def limit_metrics(
-    judged: Sequence[tuple[Limit, str, Quantity, Conformity]],
-) -> list[LimitMetrics]:
+def limit_metrics(judged: Sequence[tuple[Limit, str, Quantity, Conformity]]) -> list[LimitMetrics]:
     """Return the figures of limits."""
     return [
         LimitMetrics(

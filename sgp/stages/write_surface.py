@@ -101,8 +101,8 @@ def write_surface(
     result.summary = _lines(surface, metrics)
     if "deviation_rms" in figures:
         result.summary.append(
-            f"meshes of {figures['triangles']} triangles, {figures['deviation_rms']:.2g} "
-            f"{metrics['unit']} rms and at most {figures['deviation_largest']:.2g} "
+            f"meshes of {figures['triangles']} triangles, {rig.figure(figures['deviation_rms'])} "
+            f"{metrics['unit']} rms and at most {rig.figure(figures['deviation_largest'])} "
             f"{metrics['unit']} from the surface"
         )
     return result
@@ -126,7 +126,7 @@ def _lines(surface: processing.HeightMap, metrics: SurfaceMetrics) -> list[str]:
     if surface.blocks is not None:
         lines.append(
             f"solved in {surface.blocks.number} blocks of rows: differs from the surface of the "
-            f"whole by at most {surface.blocks.error:.2g} {unit} (estimated)"
+            f"whole by at most {rig.figure(surface.blocks.error)} {unit} (estimated)"
         )
     lines += height_sigma_lines(surface)
     if "normal_residual_deg" in metrics:

@@ -107,10 +107,7 @@ class PairFiles:
         return (
             _vectors(low[top : top + side, left : left + side]),
             _vectors(
-                high[
-                    scale * top : scale * (top + side),
-                    scale * left : scale * (left + side),
-                ]
+                high[scale * top : scale * (top + side), scale * left : scale * (left + side)]
             ),
         )
 

@@ -204,6 +204,13 @@ def test_an_event_that_does_not_fit_json_is_refused(
     assert len(Session.open(tmp_path / "s").events) == 1
 
 
+def test_a_folder_inside_a_session_is_refused(tmp_path: Path) -> None:
+    SessionWriter.create(tmp_path / "s", manifest()).close()
+    with pytest.raises(StorageError, match="is inside the session"):
+        SessionWriter.create(tmp_path / "s" / "frames" / "again", manifest())
+    assert not (tmp_path / "s" / "frames" / "again").exists()
+
+
 def test_a_folder_that_is_not_empty_is_refused(tmp_path: Path) -> None:
     (tmp_path / "photo.tif").write_bytes(b"dear")
     with pytest.raises(StorageError, match=r"not empty \(it contains photo\.tif\)"):

@@ -81,6 +81,26 @@ def test_a_region_and_a_lower_resolution_belong_to_the_same_camera(source: Sourc
     assert len(setup_notices(with_lights_of(reduced, other))) == 1
 
 
+@pytest.mark.parametrize(
+    ("near", "seen", "camera", "named"),
+    [
+        pytest.param(True, lens(), None, False, id="the same size"),
+        pytest.param(True, lens(scale=2), None, True, id="scaled"),
+        pytest.param(True, lens(scale=2), lens(), False, id="scaled, with a camera"),
+        pytest.param(False, lens(scale=2), None, False, id="directions"),
+    ],
+)
+def test_without_a_camera_images_of_another_size_are_named(
+    source: Source, near: bool, seen: CameraModel, camera: CameraModel | None, named: bool
+) -> None:
+    place = np.array([[0, 0, 400.0]])
+    lights = Lights(positions_mm=place) if near else Lights(directions=place)
+    bare = replace(source, lights=lights, camera=camera)
+    notices = setup_notices(with_lights_of(bare, replace(HERE, intrinsics=seen)))
+    assert [notice.code for notice in notices] == [CAMERA] * named
+    assert all("images of 160 x 128 pixels, now 80 x 64" in one.text for one in notices)
+
+
 def test_a_source_without_lights_or_camera(source: Source) -> None:
     assert setup_notices(replace(source, lights=None)) == ()
     bare = replace(source, camera=None, setup=Setup())

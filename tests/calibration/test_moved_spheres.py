@@ -134,6 +134,8 @@ def test_lights_of_other_names_are_named():
     assert light_difference("a", ("L00", "L01"), "b", ("L01", "L00")) == ""
     text = light_difference("a", ("L00", "L01"), "b", ("L00", "x"))
     assert text.startswith("a has no light x, which b shows")
+    text = light_difference("a", ("L00", "L01"), "b", ("L00",))
+    assert text.startswith("b has no light L01, which a shows")
 
 
 @pytest.fixture

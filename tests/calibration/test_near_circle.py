@@ -1,14 +1,18 @@
 """A given circle is refined to the outline, or its error is stated, or it is refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from acquisition import angle_deg
 from calibration import EstimateError, calibrate_spheres
-from calibration.spheres import Ellipse
+from calibration.spheres import Ellipse, fit_ellipse, mask_outlines
 from calibration.spheres.outline.mirrored_border import is_mirrored_border
 from calibration.spheres.outline.near_circle import outline_near
 from calibration.spheres.outline.outline import OutlineImages
+from simulator import ChromeSphere, render, scene_named
+from simulator.shapes.patterns import Even
 from tests.quick_sample import quick
 
 from .uneven_balls import uneven_ball, wrong_circle
@@ -143,3 +147,16 @@ def test_a_small_edge_inside_a_small_ball_is_a_border():
     image = np.where(distance < 12, 0.6 * wall, wall)
     image[distance < 9] = 0.05
     assert is_mirrored_border(image.astype(np.float32), Ellipse.circle(30.0, 30.0, 9.0))
+
+
+def test_a_circle_on_the_mirrored_horizon_leads_to_the_ball():
+    """Before, the outline had 0.76 of the radius, and lights were wrong by 22 degrees."""
+    scene = scene_named("spheres", width=320, height=256, leds=8)
+    ball = ChromeSphere((-60.0, 40.0, 20.0), 20.0)
+    rendering = render(replace(scene, spheres=(ball,), board=Even(0.5), board_radius_mm=400.0))
+    (points,) = mask_outlines(rendering.truth.sphere_masks[0])
+    x, y, radius = fit_ellipse(points)[0].circle_px
+    found = calibrate_spheres(
+        rendering.planes, circles=[(x, y, 0.7 * radius)], camera=rendering.truth.camera
+    )
+    assert found.spheres[0].outline.radius_px == pytest.approx(radius, rel=0.01)

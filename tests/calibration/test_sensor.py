@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -217,6 +218,16 @@ def in_colour(recording):
     return replace(recording, frames=tuple(frames))
 
 
+def smoothed(recording):
+    """Return frames as of a camera that removes noise; before, the gain was 8 times too large."""
+
+    def blurred(one):
+        pixels = cv2.GaussianBlur(one.read(), (0, 0), 0.5)
+        return replace(one, load=lambda: pixels)
+
+    return replace(recording, frames=tuple(map(blurred, recording.frames)))
+
+
 def copied(recording):
     """Return repeats that are copies of the first frame, as of a folder that was copied."""
     first = {(f.role, f.bracket): f for f in reversed(recording.frames)}
@@ -258,6 +269,7 @@ BAD = {
         EstimateError,
         "raise the black level",
     ),
+    "smoothed": (lambda: [smoothed(small(levels=16))], EstimateError, "smoothed or scaled"),
     "copies": (lambda: [copied(small(levels=16))], EstimateError, "does not grow with the light"),
     "tiny": (lambda: [card(PLAIN, 412, size=(40, 80), levels=8)], EstimateError, "too small"),
 }

@@ -186,6 +186,40 @@ def test_spheres_off_the_plane_are_reported(monkeypatch):
     assert "working distance 540.0 mm" in result.warnings[0].text
 
 
+@pytest.mark.parametrize("factor", [0.9, 1.1])
+def test_stated_errors_contain_a_radius_that_the_images_contradict(monkeypatch, factor):
+    """Before, 0.3 mm were stated for lights that are wrong by a tenth of their distance."""
+    images = [seen(sphere, LIGHTS, noise_px=0.05, seed=k) for k, sphere in enumerate(FOUR)]
+    radii = [factor * radius for _, radius in FOUR]
+    lights = calibrated(monkeypatch, images, camera=BENCH.camera, radius_mm=radii).lights
+    off = lights.positions_mm - LIGHTS
+    assert np.median(np.linalg.norm(off, axis=1)) > 40
+    chi_square = np.einsum("ni,nij,nj->n", off, np.linalg.inv(lights.errors.covariances), off)
+    assert chi_square.max() < 9
+
+
+@pytest.mark.parametrize(
+    ("radius_mm", "refused"),
+    [
+        pytest.param(20.0, False, id="on the plane"),
+        pytest.param(18.0, False, id="on a pedestal"),
+        pytest.param(22.0, False, id="on a plane that is 60 mm deeper"),
+        pytest.param(27.0, True, id="the border of what it mirrors"),
+    ],
+)
+def test_a_circle_much_too_small_for_its_radius_is_refused(monkeypatch, radius_mm, refused):
+    image = seen(TWO[0], LIGHTS)
+    monkeypatch.setattr(recording, "circled_spheres", lambda *_: [image])
+    options = {"circles": [image.outline.circle_px], "camera": BENCH.camera, "radius_mm": radius_mm}
+    if not refused:
+        assert len(calibrate_spheres(VALUES, **options).spheres) == 1
+        return
+    x, y, size = image.outline.circle_px
+    text = rf"\({x:.0f}, {y:.0f}\) px has the size of one of 20.* mm, not of 27 mm.* circle of "
+    with pytest.raises(EstimateError, match=text + f"{27 / 20 * size:.0f} px"):
+        calibrate_spheres(VALUES, **options)
+
+
 @pytest.mark.parametrize(
     ("spheres", "wrong", "found", "left_out"),
     [

@@ -52,6 +52,18 @@ def merged(fields: list[Field]) -> MergedField:
     return merge_fields(fields)
 
 
+@cases(
+    ("right", "down"),
+    {"to the right": (125, 0), "down, too": (110, 40), "to the left": (-90, 33)},
+)
+def test_fields_that_are_whole_pixels_apart_have_a_whole_of_their_size(whole, right, down):
+    views = View(130, 120, 0.0), View(130 + right, 120 + down, 0.0)
+    merged = merge_fields([seen(whole, view, SIZE, number)[0] for number, view in enumerate(views)])
+    assert merged.placements.size == (SIZE[0] + abs(down), SIZE[1] + abs(right))
+    mask = merged.normal_map.mask
+    assert all(end.any() for end in (mask[0], mask[-1], mask[:, 0], mask[:, -1]))
+
+
 def into_relief(merged: MergedField) -> Float64:
     """Return the matrix from the pixels of the whole to those of the relief."""
     return VIEWS[0].matrix(SIZE) @ np.linalg.inv(merged.placements.matrices[0])

@@ -13,14 +13,17 @@ from acquisition import (
     DataError,
     Labels,
     Lights,
+    Setup,
     crop,
     downscale,
     read_source,
     record,
     write_png,
 )
+from acquisition.values import Calibrated
 from calibration import EstimateError
 from processing import photometric_stereo, reconstruct
+from processing.recording.examination import inverted_mask
 from rig import Mounting, RigConfig
 from simulator import open_rig_seeing, render, save_truth, scene_named
 from tests.cases import cases
@@ -185,6 +188,44 @@ def test_a_computed_mask_that_fills_the_frame_is_reported(tmp_path, rows, column
     codes = [notice.code for notice in reconstruct(source, surface=False).warnings]
     assert ("mask-fills-frame" in codes) == reported
     assert "mask-estimated" in codes
+
+
+def test_an_inverted_mask_is_part_of_the_verdict(session):
+    source = read_source(session)
+    inverted = replace(source, mask=~source.mask, normals_truth=None)
+    found = reconstruct(inverted, surface=False)
+    assert "mask-inverted" in [cause.name for cause in found.verdict.causes]
+
+
+def test_lights_of_another_camera_are_part_of_the_verdict(session):
+    source = read_source(session)
+    other = replace(source.camera, K=source.camera.K * [[1.2], [1.2], [1]])
+    lights = replace(source.lights, calibrated=Calibrated(setup=Setup(intrinsics=other)))
+    found = reconstruct(replace(source, lights=lights), surface=False)
+    assert "lights-of-another-camera" in [cause.name for cause in found.verdict.causes]
+    assert [one.code for one in found.warnings].count("lights-of-another-camera") == 1
+
+
+@cases(
+    ("given", "inside", "outside", "reported"),
+    {
+        "the object": ("object", 0.5, 0.01, False),
+        "the background of the object": ("background", 0.5, 0.01, True),
+        "a dark object on a bright ground": ("object", 0.01, 0.5, False),
+        "an object that fills the frame": ("all", 0.5, 0.01, False),
+        "a part of the object": ("part", 0.5, 0.01, False),
+        "the background, which is as bright": ("background", 0.5, 0.4, False),
+        "the background of spheres": ("without spheres", 0.5, 0.01, False),
+    },
+)
+def test_an_inverted_mask_is_named(given, inside, outside, reported):
+    shown = np.zeros((60, 60), bool)
+    shown[15:45, 15:45] = True
+    images = np.where(shown, np.float32(inside), np.float32(outside))[None].repeat(6, axis=0)
+    part = shown & (np.arange(60) < 25)
+    masks = {"object": shown, "background": ~shown, "all": shown | True, "part": part}
+    mask, elsewhere = masks.get(given, ~shown), shown if given == "without spheres" else None
+    assert bool(inverted_mask(images, mask, elsewhere)) == reported
 
 
 @cases(

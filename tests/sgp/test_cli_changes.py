@@ -151,21 +151,29 @@ def test_scales_that_contradict_each_other(sgp, scaled):
     assert "scales-contradict" not in alike.codes()
 
 
-def test_two_results_of_one_recording_are_refused(sgp, recording, tmp_path):
+def test_results_of_the_same_images_are_refused(sgp, recording, tmp_path):
     """With other options, their noise is still the same; a recording after it may have its mask."""
     mask = np.full(ball()[1].shape, 255, np.uint8)
     write_png(recording / "mask.png", mask)
+    shutil.move(tmp_path / "lights.json", recording)
+    for number in range(7):
+        write_png(recording / f"dark.{number}.png", np.full(mask.shape, 7 + number, np.uint16))
     later = shutil.copytree(recording, tmp_path / "later")
     for path in later.glob("ball.*"):
         write_png(path, read_image(path) // 2)
-    runs = {"first": (recording, "ls"), "again": (recording, "cauchy"), "later": (later, "ls")}
-    for name, (source, method) in runs.items():
-        words = ("normals", source, "--lights", tmp_path / "lights.json", "--method", method)
-        sgp(*words, "--out", tmp_path / f"of {name}").ok()
-
-    def compared(name):
+    runs = {
+        "first": (recording, "--exclude", "ball.5,ball.6,ball.7"),
+        "again": (recording, "--exclude", "ball.5,ball.6,ball.7", "--gamma", "linear"),
+        "part": (recording, "--exclude", "ball.0,ball.1,ball.2"),
+        "rest": (recording, "--exclude", "ball.0,ball.1,ball.2,ball.3,ball.4"),
+        "later": (later,),
+    }
+    for name, words in runs.items():
+        lit = ("--lights", words[0] / "lights.json", "--out", tmp_path / f"of {name}")
+        sgp("normals", *words, "--method", "ls", *lit).ok()
+    for name, same in {"again": True, "part": True, "rest": False, "later": False}.items():
+        pair = tmp_path / "of first", tmp_path / f"of {name}"
         words = "--register", "--significance", "--out", tmp_path / "out"
-        return sgp("compare", tmp_path / "of first", tmp_path / f"of {name}", *words)
-
-    assert "from the same images" in compared("again").error_line(4)
-    assert "from the same images" not in compared("later").err
+        assert ("from the same images" in sgp("compare", *pair, *words).err) == same
+        assert ("from the same images" in sgp("merge", *pair, "--out", tmp_path / name).err) == same
+        assert not (same and (tmp_path / name).exists())

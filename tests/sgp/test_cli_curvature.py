@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from acquisition import read_image, write_mask
+from benchmarks.relief_fields import View, relief, seen, write_field
 from processing import NormalMap, write_normals
+from sgp.results import read_record
 
 
 @pytest.fixture
@@ -47,6 +49,20 @@ def test_a_mask_and_pixels(sgp, ball, tmp_path):
     answer = sgp(*words, "--out", tmp_path / "out").ok()
     assert "1/px" in answer.out
     assert "625 of 625 pixels" in answer.out
+
+
+@pytest.mark.parametrize("name", ["", "normals.exr"])
+def test_the_scale_of_a_result_is_that_of_its_record(sgp, tmp_path, name):
+    field, _ = seen(relief((120, 120), 5), View(60, 60, 0.0), (50, 60), 1)
+    normals = write_field(tmp_path / "n", field, pixel_mm=0.05, downscale=2) / name
+    folders = [tmp_path / part for part in ("c", "s", "other")]
+    curvature = sgp("curvature", normals, "--out", folders[0], "--json").figures()
+    assert (curvature["unit"], curvature["scale"]) == ("mm", pytest.approx(0.2))
+    surface = sgp("surface", normals, "--out", folders[1], "--json").figures()
+    other = sgp("surface", normals, "--out", folders[2], "--pixel-mm", "0.2", "--json").figures()
+    assert surface["unit"] == other["unit"] == "mm"
+    assert other["height_range"] == pytest.approx(2 * surface["height_range"], rel=1e-3)
+    assert read_record(folders[1] / "surface.json").parameters["pixel_mm"] == 0.1
 
 
 @pytest.mark.parametrize(

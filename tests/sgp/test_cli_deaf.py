@@ -51,3 +51,16 @@ def test_the_exit_code_of_an_error_is_right_even_if_it_cannot_be_printed(deaf, t
     ended = subprocess.run([*CAPTURE, *words], stdout=subprocess.PIPE, check=False, **deaf)
     report = json.loads(ended.stdout)
     assert (report["ok"], report["exit_code"], ended.returncode) == (False, 2, 2)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no /dev/full")
+@pytest.mark.parametrize("form", [(), ("--json",)], ids=["text", "json"])
+def test_a_full_standard_output_is_named(form, tmp_path):
+    """Before, text ended with ". : cannot use it", and JSON with a stack trace."""
+    (tmp_path / "lights.json").write_text('{"provenance": {"command": "x", "inputs": {}}}')
+    words = [sys.executable, "-m", "sgp", "verify", tmp_path, *form]
+    with open("/dev/full", "w") as full:
+        ended = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, check=False, text=True)
+    assert ended.returncode == 3
+    assert ended.stderr.startswith("error: standard output: cannot use it: No space left")
+    assert "Traceback" not in ended.stderr

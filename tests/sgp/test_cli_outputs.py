@@ -1,6 +1,7 @@
 """Allowed places of results, their records, and errors in JSON."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +11,8 @@ from acquisition import write_exr
 from processing import NormalMap
 from rig import BoardError
 from sgp.app import build, run
+from sgp.cli.exit import UsageError
+from sgp.results import Result, claim_folder, read_record, writes_folder
 
 
 @pytest.fixture
@@ -50,6 +53,33 @@ def test_force_removes_files_that_only_the_earlier_result_had(sgp, words, tmp_pa
     assert sgp("surface", normals, "--out", out, "--force").code == 0
     assert not (out / "surface.stl").exists()
     assert (out / "mine.txt").exists()
+
+
+@pytest.mark.parametrize("claimed", [False, True], ids=["before", "while"])
+@pytest.mark.parametrize("force", [False, True])
+def test_of_two_commands_at_the_same_time_one_is_refused(tmp_path, claimed, force):
+    """The other one has written its result before this one, or writes it now."""
+    others = []
+
+    @writes_folder("r.json")
+    def command(name: str, *, out: Path, force: bool = False) -> Result:
+        if claimed:
+            claim_folder(out, "r.json")
+        while others:
+            command(others.pop(), out=out, force=force)
+        if not claimed:
+            claim_folder(out, "r.json")
+        return Result(outputs={name: out / name})
+
+    others.append("other")
+    out = tmp_path / "out"
+    if force and not claimed:
+        command("this", out=out, force=True)
+    else:
+        with pytest.raises(UsageError, match="another command writes its result there"):
+            command("this", out=out, force=force)
+    command("later", out=out, force=True)
+    assert read_record(out / "r.json").parameters["name"] == "later"
 
 
 @pytest.mark.parametrize("where", ["ball", "ball/results", "ball/../ball"])

@@ -1,5 +1,7 @@
 """Valid files with suspicious contents: the commands report them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -30,6 +32,18 @@ def test_a_black_image_is_left_out_and_named(sgp, words, recording, tmp_path):
     dead = read_normals(tmp_path / "dead").normal_map
     both = whole.mask & dead.mask
     assert angle_deg(whole.normals[both], dead.normals[both]).mean() < 6
+
+
+def test_an_image_that_a_wrong_strength_makes_far_too_bright_is_left_out_and_named(
+    sgp, words, tmp_path
+):
+    """Before, 2 % of the pixels had normals, and the others were named as in shadow."""
+    lights = read_lights(words[-1])
+    strengths = np.where(np.array(lights.ids) == lights.ids[3], 1e-6, 1.0)
+    write_lights(words[-1], replace(lights, intensities=strengths))
+    report = sgp(*words, "--method", "ls", "--out", tmp_path / "n", "--json").report()
+    assert any("50 times as bright" in one and "ball.3" in one for one in report["warnings"])
+    assert report["metrics"]["images"] == 7
 
 
 def test_a_negative_image_is_left_out_and_named(sgp, words, recording, tmp_path):

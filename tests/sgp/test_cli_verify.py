@@ -145,7 +145,23 @@ def test_links_to_results_are_followed_once_and_hidden_files_ignored(verify, nor
 
 
 def test_what_has_no_record_is_refused(sgp, recording) -> None:
-    assert "has no record of a result" in sgp("verify", recording).error_line(2)
+    line = sgp("verify", recording).error_line(2)
+    assert "has no record of a result, as if the command that writes it was stopped" in line
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_stages_without_their_summary_are_stated(verify, normals, tmp_path, whole) -> None:
+    """Before, the result of a run that had been stopped was found good without a word."""
+    stages = [tmp_path / "run" / name for name in ("normals", "detail")]
+    for stage in stages:
+        shutil.copytree(normals, stage)
+        rewritten(stage / "normals.json", command="sgp run")
+    if whole:
+        shutil.copy(stages[0] / "normals.json", tmp_path / "run" / "summary.json")
+        rewritten(tmp_path / "run" / "summary.json", outputs={}, files={})
+    _, notices = verify(tmp_path / "run")
+    found = [one["where"] for one in notices if one["code"] == "result-unfinished"]
+    assert found == ([] if whole else [str(tmp_path / "run")])
 
 
 def test_a_compacted_session_is_the_same_input(sgp, verify, recording, tmp_path) -> None:

@@ -354,9 +354,7 @@ class _Search:
                 result.pixels[k], result.sigma_px[k] = of.pixels[k, 0], of.sigma_px[k, 0]
                 result.saturated[k] = of.saturated[k, 0]
         result = replace(
-            result,
-            photon_px2=photon_px2[:, 0],
-            several=replace(of, photon_px2=photon_px2),
+            result, photon_px2=photon_px2[:, 0], several=replace(of, photon_px2=photon_px2)
         )
         return self._by_size(result, radii_px, stray_px)
 

@@ -13,7 +13,7 @@ from calibration.radiance import moved_values, structure_shifts
 from calibration.radiance.stack import Images
 from calibration.spheres.judge.sphere_shifts import sphere_shifts
 from calibration.spheres.outline.sphere_image import SphereImage, places
-from rig import Notice, short_repr
+from rig import Notice, figure, short_repr
 from rig.arrays import Bool, Float32, Float64
 
 SpheresIn = Callable[[Images], tuple[list[SphereImage], list[Notice]]]
@@ -94,7 +94,7 @@ def follow_camera(values: Images, usable: Sequence[int], spheres_in: SpheresIn) 
         far_px = np.hypot(*(off - np.median(off, axis=0)).T)
         same = far_px < _SAME_BLOCKS * size + _NEARER * np.hypot(*rough[shown].T)
         for k, far in zip(np.array(shown)[~same], far_px[~same], strict=True):
-            text = f"{places(spheres)} moved by {far:.2g} px against the rest of the image"
+            text = f"{places(spheres)} moved by {figure(far)} px against the rest of the image"
             unseen[int(k)] = text
         shown = [k for k in shown if k not in unseen]
         shifts[shown] += by[same]

@@ -163,11 +163,12 @@ def doubtful(tests: list[InputTest]) -> list[InputTest]:
 
 def doubts(
     tests: list[InputTest], camera: CameraModel, radii_mm: Float64, places_mm: Float64 | None = None
-) -> list[Notice]:
+) -> tuple[list[Notice], list[Float64]]:
     """Return a warning about the value whose change explains the data best, if one is doubtful.
 
     Changes that explain the data nearly as well are named as well, unless the known places of the
-    lights exclude them: radius and distance differ only in the scale of the whole.
+    lights exclude them: radius and distance differ only in the scale of the whole. The lights after
+    each change are the other result.
 
     Parameters
     ----------
@@ -182,7 +183,7 @@ def doubts(
     """
     equal = doubtful(tests)
     if not equal:
-        return []
+        return [], []
     explanations = [one for test in equal for one in _explanations(test, camera, radii_mm)]
     factors = [None if places_mm is None else factor_of(one[1], places_mm) for one in explanations]
     squares = [0.0 if factor is None else factor.chi_square for factor in factors]
@@ -190,16 +191,16 @@ def doubts(
     least = min(squares)
     limit = least + _EQUAL if least <= _SIGMAS**2 else np.inf
     out = [square > limit for square in squares]
-    kept = [text for (text, _), without in zip(explanations, out, strict=True) if not without]
+    kept = [one for one, without in zip(explanations, out, strict=True) if not without]
     text = (
         "highlights, outlines and the working plane contradict the given values: "
-        f"{', or '.join(kept)}"
+        f"{', or '.join(text for text, _ in kept)}"
     )
     if any(test.name == RATIO for test in equal):
         text += "; unless the spheres do not rest on the working plane"
     if any(factor is not None for factor in factors):
         text += _by_places([one[0] for one in explanations], factors, out, least)
-    return [Notice(_CODES[equal[0].name], text)]
+    return [Notice(_CODES[equal[0].name], text)], [lights for _, lights in kept]
 
 
 def _by_places(

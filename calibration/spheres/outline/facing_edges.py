@@ -69,12 +69,7 @@ class EdgesAround:
         return seen
 
     @staticmethod
-    def _ridges(
-        crop: Float32,
-        x: Float32,
-        y: Float32,
-        toward: Float32,
-    ) -> Bool:
+    def _ridges(crop: Float32, x: Float32, y: Float32, toward: Float32) -> Bool:
         """Return where the logarithm of an image has an edge that faces the centre."""
         smooth = cv2.GaussianBlur(crop, (0, 0), 0.8)
         gx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8)

@@ -62,10 +62,7 @@ class JointOutline(TracedOutline):
 
 
 def joint_outline(
-    values: Images,
-    guess: Ellipse,
-    rounds: int = 2,
-    most_angles: int = _MOST_ANGLES,
+    values: Images, guess: Ellipse, rounds: int = 2, most_angles: int = _MOST_ANGLES
 ) -> JointOutline:
     """Fit the outline of a ball to the edges in all images.
 

@@ -196,10 +196,7 @@ def _white(values: Images) -> float:
 
 
 def refine_outline(
-    image: Float32,
-    guess: Ellipse,
-    reach_px: float,
-    rivals: Sequence[Ellipse] = (),
+    image: Float32, guess: Ellipse, reach_px: float, rivals: Sequence[Ellipse] = ()
 ) -> TracedOutline:
     """Fit the outline to image edges near a guess, in rounds with a decreasing search range.
 
@@ -276,11 +273,7 @@ def _refine_edges(image: Float32, ellipse: Ellipse) -> TracedOutline:
 
 
 def _fit(
-    guess: Ellipse,
-    angles: Float64,
-    offsets: Float64,
-    count: int,
-    start: Ellipse | None,
+    guess: Ellipse, angles: Float64, offsets: Float64, count: int, start: Ellipse | None
 ) -> TracedOutline:
     """Fit a circle, or an ellipse if enough is visible."""
     if len(angles) < 12:

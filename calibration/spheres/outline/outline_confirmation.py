@@ -35,6 +35,8 @@ _AROUND, _AROUND_REACH = 1.2, 0.25
 _USUAL_FACTOR = 4
 # Circles that are given may be so many times their reach away.
 _NEAR = 2.0
+# A ball mirrors the horizon at this share of its radius, known to a reach in radii of the ball.
+_HORIZON, _HORIZON_REACH = 0.73, 0.15
 # Without a plane, only the edges show that there is a ball. False outlines have up to 0.48, all of
 # those below 0.6 get a notice.
 LEAST_SUPPORT = 0.45
@@ -107,6 +109,16 @@ def confirmed_near(
         far = sphere and np.abs(circle.change_to(sphere.outline)).max() > _NEAR * reach
         near.append(None if far else sphere)
     return near
+
+
+def ball_around(values: Images, plane: MirroredPlane, edge: Ellipse) -> SphereImage | None:
+    """Return the ball in which an edge is the mirrored horizon, or None.
+
+    It is around the edge, of the size that belongs to it, and mirrors the plane.
+    """
+    x, y, radius = edge.circle_px
+    ball = Ellipse.circle(x, y, radius / _HORIZON)
+    return confirmed_near(values, plane, [ball], [_HORIZON_REACH * ball.radius_px])[0]
 
 
 def in_all_images(values: Images, sphere: SphereImage) -> SphereImage | None:

@@ -298,10 +298,7 @@ def _depths_of(shares: Float64, sine: float) -> Float64:
 
 
 def _points(
-    camera: CameraModel,
-    balls: Balls,
-    depths: Floating,
-    angles: Floating,
+    camera: CameraModel, balls: Balls, depths: Floating, angles: Floating
 ) -> tuple[Float64, Float64, Bool]:
     """Return pixels ``(H, P, 2)`` on balls, the pixels of what they mirror, and which look down.
 

@@ -21,7 +21,7 @@ from calibration.spheres.outline.outline import (
     mask_outlines,
     usual_reach_px,
 )
-from calibration.spheres.outline.outline_confirmation import confirmed_near
+from calibration.spheres.outline.outline_confirmation import ball_around, confirmed_near
 from calibration.spheres.outline.outline_noise import (
     CHANCE,
     SAME_OUTLINE,
@@ -90,15 +90,14 @@ def masked_spheres(
 
 
 def circled_spheres(
-    values: Images,
-    circles: Sequence[tuple[float, float, float]],
-    camera: CameraModel | None = None,
+    values: Images, circles: Sequence[tuple[float, float, float]], camera: CameraModel | None = None
 ) -> list[SphereImage]:
     """Return outlines and highlights of the spheres near approximate circles.
 
     If a ball near the circle mirrors the plane on which it rests, and the edges of all images do
     not contradict it, that determines its outline on any ground; else the edge near the circle
-    does, see `outline_near`. Parameters and errors are those of `calibrate_spheres`.
+    does, see `outline_near`, or the ball that mirrors its horizon as this edge. Parameters and
+    errors are those of `calibrate_spheres`.
     """
     guesses: list[Ellipse] = []
     for x, y, radius in circles:
@@ -112,10 +111,13 @@ def circled_spheres(
     plane = MirroredPlane(values, reduce_stack(values), camera)
     reaches = [max(4.0, 0.1 * guess.radius_px) for guess in guesses]
     near = confirmed_near(values, plane, guesses, reaches)
-    return [
-        mirroring or _sphere(values, outline_near(pictures, guess, reach))
-        for guess, reach, mirroring in zip(guesses, reaches, near, strict=True)
-    ]
+    spheres: list[SphereImage] = []
+    for guess, reach, sphere in zip(guesses, reaches, near, strict=True):
+        if sphere is None:
+            edge = outline_near(pictures, guess, reach)
+            sphere = ball_around(values, plane, edge.outline) or _sphere(values, edge)
+        spheres.append(sphere)
+    return spheres
 
 
 def _sphere(values: Images, near: NearOutline) -> SphereImage:
@@ -148,10 +150,7 @@ def _check_disc(outline: Ellipse, points: Float64) -> None:
 
 
 def sphere_in_mask(
-    values: Images,
-    pictures: OutlineImages,
-    mirroring: SphereImage | None,
-    mask: TracedOutline,
+    values: Images, pictures: OutlineImages, mirroring: SphereImage | None, mask: TracedOutline
 ) -> SphereImage:
     """Return the sphere in a mask, with the outline of the images if the mask contradicts them.
 
@@ -238,10 +237,7 @@ def _between(values: Images, given: SphereImage, seen: SphereImage, edges: Float
 
 
 def _seen_near(
-    values: Images,
-    pictures: OutlineImages,
-    mirroring: SphereImage | None,
-    outline: Ellipse,
+    values: Images, pictures: OutlineImages, mirroring: SphereImage | None, outline: Ellipse
 ) -> tuple[SphereImage | None, bool, bool]:
     """Return the sphere that the images show near an outline, or None.
 

@@ -10,7 +10,7 @@ import numpy as np
 from calibration._errors import EstimateError
 from calibration.radiance.stack import Stack
 from calibration.spheres.outline.sphere_image import SphereImage, places
-from rig import Notice, listed, pluralize
+from rig import Notice, figure, listed, pluralize
 from rig.arrays import Float64, Intp
 
 # The brightest pixel of a black image, relative to that of the others: rounding leaves a little.
@@ -119,7 +119,7 @@ def moved_alone(
 
 def _moved_text(spheres: list[SphereImage], far_px: list[float]) -> str:
     verb = "is" if len(spheres) == 1 else "are"
-    far = ", ".join(f"{far:.2g}" for far in far_px)
+    far = ", ".join(f"{figure(far)}" for far in far_px)
     return f"{places(spheres)} {verb} {far} px away from where the other images show it" + (
         "" if len(spheres) == 1 else " each"
     )

@@ -21,6 +21,8 @@ _FARTHEST_SHARE = 0.05
 # one of 12 mm, because what the sphere mirrors is farther away than supposed.
 _OWN_SHARE, _SIGMAS = 0.01, 4.0
 _SAME_SIZE = 0.08
+# The border of what a sphere mirrors, mistaken for its outline, has 0.65 to 0.82 of its size.
+_SMALLEST_SIZE = 0.85
 # Share of the systematic variance of the radius that all outlines of a recording have in common:
 # where the edge is within a blurred step. In rendered scenes, radii scatter by 0.02 px about a mean
 # that is off by as much or more.
@@ -48,15 +50,11 @@ def one_radius_each(
         off = np.abs(sizes[:, None] / radii - 1)
         if off.min(axis=1).max() < _SAME_SIZE:
             return np.asarray(radii[np.argmin(off, axis=1)])
-    if found and len(radii) != len(images):
-        raise EstimateError(
-            f"{pluralize(len(images), 'sphere')} found for {len(radii)} radii, {places(images)}: "
-            "give one radius for each sphere, or masks or circles"
-        )
     if len(radii) != len(images):
-        raise DataError(
-            f"{len(radii)} radii for {pluralize(len(images), 'sphere')}: give one radius, or one "
-            "for each sphere"
+        kind = EstimateError if found else DataError
+        raise kind(
+            f"{len(radii)} radii for {pluralize(len(images), 'sphere')}, {places(images)}: give "
+            "one radius, or one for each sphere"
         )
     if found:
         order = np.argsort([image.outline.radius_px for image in images])
@@ -68,6 +66,18 @@ def radius_on_plane_mm(camera: CameraModel, image: SphereImage) -> float:
     """Return the radius of a sphere on the working plane with the apparent size of an image."""
     size = image.outline.radius_px
     return float(camera.centre_mm[2]) * size / (camera.focal_px + size)
+
+
+def check_sizes(radii: Float64, images: list[SphereImage], camera: CameraModel) -> None:
+    """Raise `EstimateError` if an outline is much too small for its sphere on the plane."""
+    for image, radius in zip(images, radii, strict=True):
+        share = radius_on_plane_mm(camera, image) / radius
+        if share < _SMALLEST_SIZE:
+            raise EstimateError(
+                f"{places([image])} has the size of one of {share * radius:.1f} mm, not of "
+                f"{radius:g} mm: its edge may be the border of what it mirrors: give a circle of "
+                f"{image.outline.radius_px / share:.0f} px, a mask, or the right radius"
+            )
 
 
 def place(cones: list[Cone], radii: Float64, camera: CameraModel) -> KnownSpheres:
