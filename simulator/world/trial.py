@@ -55,7 +55,7 @@ _DARK_AFTER_NS = 1_500_000_000
 # A second operator waits at most so long for the first one.
 _PATIENCE_S = 3.0
 # How often an operator resumes with a program of his own; the share of frames that it keeps.
-_BY_HAND, _KEPT = 0.3, 0.8
+_BY_HAND, _KEPT = 0.5, 0.8
 _SETTLES_S = 3.0
 # Errors that a program may end with: each is one line for the operator.
 _INCONSISTENT = "take them before completing"
