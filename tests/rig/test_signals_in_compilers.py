@@ -52,8 +52,9 @@ def test_a_signal_while_llvm_links_does_not_crash(name, forks):
 
 
 @pytest.fixture
-def taken():
-    """Handle SIGINT and SIGTERM with `end_program`."""
+def taken(monkeypatch):
+    """Handle SIGINT and SIGTERM with `end_program`, which looks at the program more often."""
+    monkeypatch.setattr(ending, "_AGAIN_EVERY_S", 0.02)
     numbers = (signal.SIGINT, signal.SIGTERM)
     before = [signal.signal(number, end_program) for number in numbers]
     # hypothesis installs a callback in which an exception would be lost.
