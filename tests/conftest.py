@@ -3,6 +3,7 @@
 import gc
 import os
 import signal
+import sys
 from contextlib import AbstractContextManager
 from pathlib import Path
 
@@ -100,6 +101,31 @@ def _signals_stay():
     before = signal.getsignal(signal.SIGINT)
     yield
     signal.signal(signal.SIGINT, before)
+
+
+@pytest.fixture(scope="session")
+def forks():
+    """A server that forks programs, which `tests.forked` describes."""
+    if sys.platform != "linux":
+        pytest.skip("forks processes")
+    from tests.forked import ForkServer
+
+    server = ForkServer()
+    yield server
+    server.close()
+
+
+@pytest.fixture(scope="session")
+def quick_starts(request):
+    """Fork the processes of virtual boards and isolated cameras, where the system can."""
+    if sys.platform != "linux":
+        yield
+        return
+    forks = request.getfixturevalue("forks")
+    with pytest.MonkeyPatch.context() as patch:
+        for module in ("rig.genicam.isolated", "simulator.led_board.virtual_board"):
+            patch.setattr(f"{module}.subprocess", forks.as_subprocess)
+        yield
 
 
 @pytest.fixture

@@ -19,6 +19,8 @@ _WIDEST: Final = 1 / 8
 # The shift of the phase correlation must fit better than none by this factor: any shift fits where
 # there is little structure.
 _BETTER: Final = 0.9
+# The refinement arrives at the same shift from a start so near to it.
+_SAME_PX: Final = 0.5
 _MOST_STEPS: Final = 20
 _SETTLED_PX: Final = 1e-4
 # Tukey's biweight, in standard deviations: efficiency 95 % for normal errors.
@@ -131,8 +133,11 @@ def register(first: Plane, second: Plane) -> Registered:
     one, two = _structure(first), _structure(second)
     classes = _classes(first.light)
     near = _refined(one, two, classes, gain, np.zeros(2))
-    far = _refined(one, two, classes, gain, _coarse_shift(one, two))
-    best = far if far.misfit < _BETTER * near.misfit and far.determined else near
+    coarse = _coarse_shift(one, two)
+    best = near
+    if not near.determined or np.any(np.abs(coarse - near.shift) > _SAME_PX):
+        far = _refined(one, two, classes, gain, coarse)
+        best = far if far.misfit < _BETTER * near.misfit and far.determined else near
     halves = first.sampled(-best.shift / 2), second.sampled(best.shift / 2)
     return Registered(best.shift, best.covariance, *halves, best.misfit)
 
@@ -268,8 +273,9 @@ def _spread(left: Float32, valid: Bool, classes: UInt8) -> Float64:
     """Return the robust standard deviation of residuals for each class of brightness."""
     residuals, of = np.abs(left[valid]), classes[valid]
     spread = np.full(_CLASSES, np.nan)
-    for number in range(_CLASSES):
-        own = residuals[of == number]
+    ends = np.cumsum(np.bincount(of, minlength=_CLASSES))
+    groups = np.split(residuals[np.argsort(of, kind="stable")], ends[:-1])
+    for number, own in enumerate(groups):
         if own.size:
             spread[number] = np.partition(own, own.size // 2)[own.size // 2]
     spread *= 1.4826
@@ -286,5 +292,5 @@ def _slopes(light: Float32) -> Float32:
 def _tile_sums(values: Float32) -> Float64:
     """Return the sums of a grid of tiles, ``(T, T)``."""
     edges = [np.linspace(0, length, _TILES + 1).astype(np.intp)[:-1] for length in values.shape]
-    rows = np.add.reduceat(values.astype(np.float64), edges[0], axis=0)
+    rows = np.add.reduceat(values, edges[0], axis=0, dtype=np.float64)
     return np.asarray(np.add.reduceat(rows, edges[1], axis=1))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from itertools import count
 from pathlib import Path
 
@@ -12,7 +12,6 @@ from acquisition.files.software import software_version
 from acquisition.files.storage import disk, is_hidden, make_folder, sync_folder
 from acquisition.session.journal import SET_ASIDE, UPGRADED, EventLine
 from acquisition.session.journal_file import JournalFile
-from acquisition.session.journal_frames import SetAsideFrame
 from acquisition.session.layout import FRAMES, SET_ASIDE_FOLDER, UNRECORDED, leaves
 from acquisition.session.session import Session
 from acquisition.session.session_frame import Damage
@@ -82,20 +81,16 @@ def set_frames_aside(
     return tuple(lines)
 
 
-def clear_frames(
-    folder: Path, recorded: frozenset[str], set_aside: Iterable[SetAsideFrame]
-) -> list[str]:
+def clear_frames(session: Session) -> list[str]:
     """Keep only recorded files in ``frames/``: move others away, delete unfinished ones.
+
+    A file of a frame that was set aside, and has not been moved yet, moves to the place that its
+    event names.
 
     Parameters
     ----------
-    folder
+    session
         The session, locked.
-    recorded
-        File names of the frames that were not set aside.
-    set_aside
-        Frames that were set aside; a file that has not been moved yet moves to the place that its
-        event names.
 
     Returns
     -------
@@ -109,10 +104,11 @@ def clear_frames(
     StorageError
         If the disk refuses.
     """
+    folder, recorded = session.folder, {frame.path.name for frame in session.recorded}
     frames, shelf = folder / FRAMES, folder / UNRECORDED
     _check_inside(frames, folder)
     make_folder(frames)
-    places = {aside.frame.path.name: aside.kept for aside in set_aside}
+    places = {aside.frame.path.name: aside.kept for aside in session.set_aside}
     aside: list[str] = []
     with disk(frames, "list"):
         paths = sorted(frames.iterdir())

@@ -131,8 +131,7 @@ def _reopened(examination: Examination, session: Session) -> JournalFile:
         with disk(folder / COMPLETE, "remove"):
             filesystem.unlink(folder / COMPLETE)
             sync_folder(folder)
-    names = frozenset(frame.path.name for frame in session.recorded)
-    aside = clear_frames(folder, names, session.set_aside)
+    aside = clear_frames(session)
     path = folder / JOURNAL
     if not examination.journal.lines:
         return JournalFile.begin(path, examination.toml_sha256, utc_now)

@@ -13,6 +13,7 @@ from acquisition.files.storage import write_durably
 from acquisition.pixels.frame_quality import FrameQuality
 from acquisition.plan.planned_shot import PlannedShot
 from acquisition.session.event_details import check_event
+from acquisition.session.files_aside import clear_frames
 from acquisition.session.frame_check import measure_frame
 from acquisition.session.frame_file import FrameNames, store_frame
 from acquisition.session.journal import Echo, EventLine, FrameLine
@@ -268,7 +269,8 @@ class SessionWriter:
         """Mark the recording as complete, and close the session.
 
         Frames of earlier processes that `check_next` has not read back are read now; see
-        `FrameProofs` for those that this process wrote.
+        `FrameProofs` for those that this process wrote. Files of failed writes, which have no line,
+        move to ``derived/unrecorded/``.
 
         Raises
         ------
@@ -289,9 +291,10 @@ class SessionWriter:
             self.proofs.check_undamaged()
         with self._used(), self._order:
             mark = completion_mark(self._journal.read_back())
-            examine(self.folder).sound()
+            session = examine(self.folder).sound()
+            clear_frames(session)
             write_durably(self.folder / COMPLETE, mark)
-        self.close()
+            self.close()  # before another thread can append a line
 
     def close(self) -> None:
         """Close the session, complete or not; harmless if repeated. Does not wait for writers."""

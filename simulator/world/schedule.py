@@ -11,7 +11,7 @@ from typing import Any
 
 from acquisition import DataError
 
-VERSION = 2
+VERSION = 3
 # The steps of a recording among which the faults are spread.
 _STEPS = 1300
 _FAULTS = (3, 12)
@@ -77,7 +77,7 @@ KINDS: dict[str, float] = {
     "camera:away": 2.0,
     "disk:full": 2.0,
     "disk:read-only": 1.0,
-    "disk:flush-fails": 1.0,
+    "disk:flush-fails": 2.0,
     "disk:slow": 2.0,
     "disk:short-write": 2.0,
     "disk:rot": 3.0,

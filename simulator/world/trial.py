@@ -52,9 +52,10 @@ _MEMORY = Path("/dev/shm")  # files in memory, where the system has it
 _MOST_PROGRAMS = 30
 # A command that is on its way, and the board's watchdog.
 _DARK_AFTER_NS = 1_500_000_000
-# A second operator waits at most so long for the first one; a program of his own keeps this share.
+# A second operator waits at most so long for the first one.
 _PATIENCE_S = 3.0
-_KEPT = 0.8
+# How often an operator resumes with a program of his own; the share of frames that it keeps.
+_BY_HAND, _KEPT = 0.5, 0.8
 _SETTLES_S = 3.0
 # Errors that a program may end with: each is one line for the operator.
 _INCONSISTENT = "take them before completing"
@@ -186,13 +187,16 @@ class Trial:
 
     def _record(self) -> None:
         with self.world.open_rig() as rig:
-            folder = self.session
-            if (folder / "session.toml").exists():  # died before its first line: nothing is in it
-                resume(rig, folder, hooks=self._hooks())
+            if (self.session / "session.toml").exists():  # died before its first line
+                resume(rig, self.session, hooks=self._hooks())
             else:
-                record(rig, self._plan, folder, Labels(operator="me"), hooks=self._hooks())
+                record(rig, self._plan, self.session, Labels(operator="me"), hooks=self._hooks())
 
     def _resume(self, *, retake_damaged: bool) -> None:
+        if not retake_damaged and self.world.scheduler.random.random() < _BY_HAND:
+            with suppress(DataError):  # it may not complete without what it rejected
+                self._by_hand()
+                return
         with self.world.open_rig() as rig:
             resume(rig, self.session, retake_damaged=retake_damaged, hooks=self._hooks())
 
@@ -203,15 +207,11 @@ class Trial:
         self._reported.append((line.seq, line.file_sha256))
 
     def _second(self) -> None:
-        """Let a second operator resume the session, or take its shots by a program of his own."""
+        """Let a second operator resume the session."""
         generator = self.world.scheduler.random
         try:
-            if generator.random() < 0.5:
-                clock.sleep(generator.uniform(0, _PATIENCE_S))
-            if generator.random() < 0.5:
-                self._resume(retake_damaged=False)
-            else:
-                self._by_hand()
+            clock.sleep(max(0.0, generator.uniform(-_PATIENCE_S, _PATIENCE_S)))
+            self._resume(retake_damaged=False)
         except (*_EXPECTED, MissingPathError) as error:
             self.world.say(f"second: {error}")
         except Exception as error:  # noqa: BLE001 - judged here
@@ -224,13 +224,13 @@ class Trial:
             for planned in chain.from_iterable(writer.missing for _ in range(2)):
                 shot = rig.shoot(planned.led, planned.exposure_us or 0.0)
                 pixels = shot.frame.pixels
+                writer.measure(planned, pixels)  # refuses a frame of another size
                 echo = None if shot.echo is None else Echo(**asdict(shot.echo))
                 keeps = self.world.scheduler.random.random() < _KEPT
+                keeps = keeps and led_of(pixels, self._black) == planned.led
+                store = partial(writer.write_frame, planned, pixels, echo=echo)
                 with suppress(StorageError):  # the second time the disk may accept it
-                    if keeps and led_of(pixels, self._black) == planned.led:
-                        self._safe(writer.write_frame(planned, pixels, echo=echo))
-                    else:
-                        writer.write_frame(planned, pixels, echo=echo, status="rejected")
+                    self._safe(store() if keeps else store(status="rejected"))
             writer.complete()
 
     def _check_end(self, ended: Program) -> None:

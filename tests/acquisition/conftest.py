@@ -11,6 +11,11 @@ from rig import Rig
 from tests.acquisition.fake_bench import Bench, rig_on
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _quick_starts(quick_starts: None) -> None:
+    """Fork the boards and cameras; tests/simulator starts them as programs do."""
+
+
 @pytest.fixture
 def bench() -> Bench:
     return Bench()

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+
+from tests.forked import ForkServer
 
 _SERVER = """
 import json, os, sys
@@ -43,28 +43,21 @@ for line in sys.stdin:
 
 
 @contextmanager
-def dying(program: str, *names: str) -> Iterator[Callable[..., bool]]:
+def dying(forks: ForkServer, program: str, *names: str) -> Iterator[Callable[..., bool]]:
     """Return a function that calls ``act`` of a program in a process of its own.
 
     The function takes the arguments of ``act`` and the number of the call to the disk, of those
     with the given names, at which the process dies, in the middle of a write. It returns whether
     the process died; any other error of the process is an error of the test.
     """
-    with subprocess.Popen(
-        [sys.executable, "-P", "-c", _SERVER, program, *names],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    ) as process:
-        assert process.stdin is not None
-        assert process.stdout is not None
-        stdin, stdout = process.stdin, process.stdout
-        assert stdout.readline() == "ready\n"
+    process = forks.start(_SERVER, program, *names)
+    assert process.stdout.readline() == "ready\n"
 
-        def died(*words: object, dies_at: int) -> bool:
-            print(json.dumps([words, dies_at]), file=stdin, flush=True)
-            code = int(stdout.readline())
-            assert code in (0, 9)
-            return code == 9
+    def died(*words: object, dies_at: int) -> bool:
+        print(json.dumps([words, dies_at]), file=process.stdin, flush=True)
+        code = int(process.stdout.readline())
+        assert code in (0, 9)
+        return code == 9
 
-        yield died
+    yield died
+    process.end()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import os
 import shutil
-import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -19,6 +18,7 @@ from acquisition.session import SessionWriter, compact_session
 from rig import Notice
 from tests.acquisition.dying import dying
 from tests.acquisition.small_session import PLAN, names, picture, whole, write
+from tests.forked import ForkServer
 
 CALLS = ("write", "fsync", "replace", "unlink")
 _FULL = OSError(errno.ENOSPC, "No space left on device")
@@ -80,7 +80,7 @@ def test_a_refusal_or_an_interrupt_at_any_call_to_the_disk(
     assert restored > fails_at // 2
 
 
-def test_a_full_disk(tmp_path: Path) -> None:
+def test_a_full_disk(tmp_path: Path, forks: ForkServer) -> None:
     """A real refusal of the operating system: the first compressed file exceeds a size limit."""
     folder = write(tmp_path / "s")
     code = """
@@ -95,10 +95,9 @@ except StorageError as error:
     print(error)
 """
     files = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(folder)], capture_output=True, text=True, check=True
-    )
-    assert "D_100us.z.tif: cannot write" in done.stdout
+    done = forks.run(code, folder)
+    assert done.returncode == 0
+    assert "D_100us.z.tif: cannot write" in done.out
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == files
 
 
@@ -106,8 +105,8 @@ PROGRAM = "from acquisition.session import compact_session as act"
 
 
 @pytest.fixture(scope="module")
-def died() -> Iterator[Callable[..., bool]]:
-    with dying(PROGRAM, *CALLS, "mkdir") as died:
+def died(forks: ForkServer) -> Iterator[Callable[..., bool]]:
+    with dying(forks, PROGRAM, *CALLS, "mkdir") as died:
         yield died
 
 

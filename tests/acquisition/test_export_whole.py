@@ -31,6 +31,7 @@ from acquisition.plan import PlannedShot
 from acquisition.session import LightsRecord, SessionWriter
 from tests.acquisition.dying import dying
 from tests.acquisition.small_session import manifest
+from tests.forked import ForkServer
 
 SIZE = (12, 16)
 LIGHTS = Lights(directions=np.array([[0.0, 0, 1], [0.6, 0, 0.8]]), ids=("L00", "L01"))
@@ -80,9 +81,9 @@ def act(session, layout, out, replaced):
 
 
 @pytest.fixture(scope="module")
-def died() -> Iterator[Callable[..., bool]]:
+def died(forks: ForkServer) -> Iterator[Callable[..., bool]]:
     names = ("open", "write", "fsync", "replace", "unlink", "mkdir", "rmdir")
-    with dying(PROGRAM, *names) as died:
+    with dying(forks, PROGRAM, *names) as died:
         yield died
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 import threading
 from pathlib import Path
@@ -17,6 +16,7 @@ from acquisition.files.part_files import Part
 from acquisition.files.storage import open_binary, published, read_back, read_file, write_whole
 from tests.acquisition.planted import PLANTED, Plant, unharmed
 from tests.cases import cases
+from tests.forked import ForkServer
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs links and pipes")
 
@@ -120,7 +120,9 @@ def test_a_writer_that_does_not_end_is_reported_and_left_alone(
     assert (tmp_path / "a").read_bytes() == b"mine"
 
 
-def test_the_file_of_a_killed_process_is_removed_by_the_next_write(tmp_path: Path) -> None:
+def test_the_file_of_a_killed_process_is_removed_by_the_next_write(
+    tmp_path: Path, forks: ForkServer
+) -> None:
     code = """
 import os, sys
 from pathlib import Path
@@ -129,7 +131,7 @@ with published(Path(sys.argv[1])) as part:
     write_whole(part.descriptor, b"half")
     os.kill(os.getpid(), 9)
 """
-    subprocess.run([sys.executable, "-P", "-c", code, tmp_path / "a"], check=False)
+    assert forks.run(code, tmp_path / "a").returncode == -9
     assert [path.name for path in tmp_path.iterdir()] == [".part-a"]
     write_durably(tmp_path / "a", b"whole")
     assert [path.name for path in tmp_path.iterdir()] == ["a"]

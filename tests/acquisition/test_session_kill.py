@@ -6,7 +6,6 @@ import json
 import os
 import random
 import signal
-import subprocess
 import sys
 import time
 from collections.abc import Iterator
@@ -20,6 +19,7 @@ from acquisition import CapturePlan, Session, verify_session
 from acquisition.plan import PlannedShot
 from acquisition.session import SessionWriter
 from rig.arrays import UInt16
+from tests.forked import ForkServer
 from tests.quick_sample import quick
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="forks processes")
@@ -91,21 +91,14 @@ for line in sys.stdin:
 
 
 class Server:
-    def __init__(self) -> None:
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", SERVER],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
+    def __init__(self, forks: ForkServer) -> None:
+        self.process = forks.start(SERVER)
         assert self._line() == "ready"
 
     def _line(self) -> str:
-        assert self.process.stdout is not None
-        return self.process.stdout.readline().strip()
+        return str(self.process.stdout.readline()).strip()
 
     def _send(self, line: str) -> None:
-        assert self.process.stdin is not None
         self.process.stdin.write(line + "\n")
         self.process.stdin.flush()
 
@@ -138,16 +131,14 @@ class Server:
         return acks.read_text().splitlines() if acks.exists() else [], status
 
     def close(self) -> None:
-        assert self.process.stdin is not None
-        assert self.process.stdout is not None
         self.process.stdin.close()
-        self.process.stdout.close()
         self.process.wait(60)
+        self.process.end()
 
 
 @pytest.fixture(scope="module")
-def server() -> Iterator[Server]:
-    server = Server()
+def server(forks: ForkServer) -> Iterator[Server]:
+    server = Server(forks)
     yield server
     server.close()
 

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import subprocess
-import sys
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -33,6 +31,7 @@ from acquisition.session import (
 )
 from rig.arrays import UInt16
 from tests.acquisition import small_session
+from tests.forked import ForkServer
 
 PLAN = CapturePlan(repeat=False, leds=(0, 1, 2), exposures_us=(100.0,))
 
@@ -221,7 +220,9 @@ def test_a_folder_that_is_not_empty_is_refused(tmp_path: Path) -> None:
     assert (tmp_path / "photo.tif").read_bytes() == b"dear"
 
 
-def test_a_second_writer_is_refused_in_this_process_and_in_another(tmp_path: Path) -> None:
+def test_a_second_writer_is_refused_in_this_process_and_in_another(
+    tmp_path: Path, forks: ForkServer
+) -> None:
     folder = tmp_path / "s"
     other = (
         "import sys; from acquisition.session.writer import SessionWriter\n"
@@ -235,10 +236,7 @@ def test_a_second_writer_is_refused_in_this_process_and_in_another(tmp_path: Pat
             SessionWriter.reopen(folder)
         with pytest.raises(StorageError, match="another process"):
             SessionWriter.create(folder, manifest())
-        result = subprocess.run(
-            [sys.executable, "-c", other, str(folder)], capture_output=True, text=True, check=True
-        )
-        assert "another process is recording" in result.stdout
+        assert "another process is recording" in forks.run(other, folder).out
         writer.complete()
     assert verify_session(folder).ok
 

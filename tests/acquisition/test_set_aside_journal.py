@@ -16,6 +16,7 @@ from tests.acquisition.dying import dying
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench, cut, events_of, flip
 from tests.acquisition.interruptions import make_older
 from tests.acquisition.mutants import rows_of, seal
+from tests.forked import ForkServer
 
 # PLAN has LEDs 3, 0, 5 at 200 and 50 us, with dark and ambient frames: ten shots.
 
@@ -126,7 +127,7 @@ def act(folder):
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="forks processes")
 def test_a_kill_at_any_call_to_the_disk_loses_nothing(
-    rig: Rig, bench: Bench, tmp_path: Path
+    rig: Rig, bench: Bench, tmp_path: Path, forks: ForkServer
 ) -> None:
     """A changed and a lost frame of a complete session of version 2."""
     model = tmp_path / "model"
@@ -137,7 +138,7 @@ def test_a_kill_at_any_call_to_the_disk_loses_nothing(
     damaged = (model / "frames/L03_E0.tif").read_bytes()
     killed, dies_at = True, 0
     names = ("write", "fsync", "replace", "rename", "mkdir", "unlink")
-    with dying(PROGRAM, *names) as died:
+    with dying(forks, PROGRAM, *names) as died:
         while killed:
             dies_at += 1
             folder = tmp_path / f"s{dies_at}"

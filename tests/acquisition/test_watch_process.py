@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -13,8 +11,8 @@ import pytest
 
 from acquisition import Session
 from tests.acquisition.test_watch_faults import lights, shoot, until
+from tests.forked import ForkServer
 
-ROOT = Path(__file__).parents[2]
 PROGRAM = """
 import sys
 from pathlib import Path
@@ -26,11 +24,6 @@ watch_folder(watch, out, on_message=lambda line: print(line, flush=True))
 """
 
 
-def start(folder: Path, out: Path, leds: int) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-c", PROGRAM, str(folder), str(out), str(leds)]
-    return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-
-
 @pytest.mark.parametrize(
     "ending",
     [
@@ -39,10 +32,10 @@ def start(folder: Path, out: Path, leds: int) -> subprocess.Popen[bytes]:
     ],
 )
 def test_a_process_that_ends_and_a_pause_lose_nothing(
-    folder: Path, out: Path, ending: signal.Signals
+    folder: Path, out: Path, forks: ForkServer, ending: signal.Signals
 ) -> None:
     """Two images, the end of the process while the third is written, a pause, and the rest."""
-    process = start(folder, out, 6)
+    process = forks.start(PROGRAM, folder, out, 6)
     for number in range(2):
         shoot(folder, number)
         # Every image is recorded as it arrives: none waits for the next.
@@ -51,13 +44,15 @@ def test_a_process_that_ends_and_a_pause_lose_nothing(
     (folder / "IMG_0002.png").write_bytes(data[:100])
     process.send_signal(ending)
     assert process.wait(60) != 0
+    process.end()
     for path in folder.iterdir():  # a pause of an hour
         os.utime(path, (time.time() - 3600, time.time() - 3600))
     (folder / "IMG_0002.png").write_bytes(data)
-    process = start(folder, out, 6)
+    process = forks.start(PROGRAM, folder, out, 6)
     for number in (4, 3, 5):
         shoot(folder, number)
         time.sleep(0.3)
     assert process.wait(60) == 0
+    process.end()
     assert lights(out) == {number: number for number in range(6)}
     assert Session.open(out).complete

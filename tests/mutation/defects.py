@@ -328,7 +328,7 @@ DEFECTS = (
     Planted(
         "files without a line stay where they are",
         _OPENING,
-        "    aside = clear_frames(folder, names, session.set_aside)\n",
+        "    aside = clear_frames(session)\n",
         "    aside: list[str] = []\n",
     ),
     Planted(

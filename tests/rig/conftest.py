@@ -65,6 +65,11 @@ def led_on(bench: Bench) -> int | None:
     return bench.state.led(clock.monotonic_ns())
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _quick_starts(quick_starts) -> None:
+    """Fork the boards and cameras; tests/simulator starts them as programs do."""
+
+
 @contextmanager
 def process_bench() -> Iterator[Bench]:
     """Start a board in a process."""

@@ -33,7 +33,7 @@ SLOW = ("host", "atmega328p", "atmega2560")
 )
 def board(request, tmp_path_factory) -> Iterator[BoardUnderTest]:
     build, late_us = BOARDS[request.param]
-    command = build(tmp_path_factory.mktemp(request.param))
+    command = build(builds.built(tmp_path_factory))
     with BoardUnderTest(command, late_us=late_us) as board:
         yield board
 

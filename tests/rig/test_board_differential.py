@@ -24,7 +24,7 @@ AVR_STEPS = {"atmega328p": 48, "atmega2560": 64}
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("boards")
+    return builds.built(tmp_path_factory)
 
 
 def host(folder: Path) -> list[str]:

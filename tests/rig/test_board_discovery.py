@@ -18,9 +18,18 @@ TIMEOUT_S = 0.75
 
 @contextlib.contextmanager
 def neighbours():
-    """Open ports of every kind without a board; yield the expected complaint of each."""
+    """Open ports of every kind without a board; yield the expected complaint of each.
+
+    Other devices receive only an empty line and ID.
+    """
+    heard = []
+
+    def listens(line):
+        heard.append(line)
+        return b""
+
     with contextlib.ExitStack() as stack:
-        silent = stack.enter_context(device(lambda line: b""))
+        silent = stack.enter_context(device(listens))
         chatters = stack.enter_context(device(lambda line: b"", chatter=b"$GPGGA\r\n"))
         echoes = stack.enter_context(device(lambda line: line + b"\n"))
         older = stack.enter_context(device(saying("dome", "1", "1.0", "36", "10000")))
@@ -35,6 +44,8 @@ def neighbours():
             busy: "no other program uses it",
             "/dev/no-such-port": "cannot be opened",
         }
+    assert len(set(heard)) == 1
+    assert heard[0][5:8] == b" ID"
 
 
 def test_the_board_is_found_among_others(real_bench):
@@ -74,19 +85,6 @@ def test_all_ports_are_queried_at_the_same_time():
             [stack.enter_context(listening(number)) for number in range(3)], timeout_s=60
         )
     assert all("speaks protocol 1" in port.problem for port in found)
-
-
-def test_other_devices_receive_only_an_empty_line_and_id():
-    heard = []
-
-    def answer(line):
-        heard.append(line)
-        return b""
-
-    with device(answer) as port:
-        find_boards([port], timeout_s=TIMEOUT_S)
-    assert len(set(heard)) == 1
-    assert heard[0][5:8] == b" ID"
 
 
 def test_without_a_board_the_message_lists_every_port():

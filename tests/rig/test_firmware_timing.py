@@ -29,7 +29,7 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
 
 @pytest.fixture(scope="module")
 def commands(tmp_path_factory: pytest.TempPathFactory) -> Commands:
-    folder = tmp_path_factory.mktemp("avr")
+    folder = builds.built(tmp_path_factory)
     return lambda mcu: builds.avr(folder, mcu)
 
 
@@ -162,7 +162,10 @@ def test_a_reset_clears_a_running_sequence(uno: BoardUnderTest) -> None:
     assert uno.ask("RUN 1 T") == "E7 RUN 1 T"
 
 
-def test_a_hung_program_is_reset_and_the_led_turns_off(world: World, tmp_path: Path) -> None:
+def test_a_hung_program_is_reset_and_the_led_turns_off(
+    world: World, commands: Commands, tmp_path: Path
+) -> None:
+    (tmp_path / "bridge").symlink_to(commands("atmega328p")[0])
     hung = builds.changed(
         tmp_path / "firmware",
         "core/commands.cpp",

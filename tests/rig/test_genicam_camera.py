@@ -3,8 +3,6 @@
 import gc
 import os
 import signal
-import subprocess
-import sys
 import threading
 import time
 import weakref
@@ -359,16 +357,14 @@ camera.close()
 """
 
 
-def test_ctrl_c_ends_the_wait_and_the_camera_stays_usable(make):
-    process = subprocess.Popen(
-        [sys.executable, "-c", WAITING, str(make().device.cti)], stdout=subprocess.PIPE, text=True
-    )
-    with process:
-        assert process.stdout.readline() == "waiting\n"
-        time.sleep(0.3)
-        os.kill(process.pid, signal.SIGINT)
-        assert process.stdout.readline() == "frame 1\n"
-    assert process.returncode == 0
+def test_ctrl_c_ends_the_wait_and_the_camera_stays_usable(make, forks):
+    process = forks.start(WAITING, make().device.cti)
+    assert process.stdout.readline() == "waiting\n"
+    time.sleep(0.3)
+    process.send_signal(signal.SIGINT)
+    assert process.stdout.readline() == "frame 1\n"
+    assert process.wait() == 0
+    process.end()
 
 
 def test_two_cameras_of_a_process_do_not_disturb_each_other(make):

@@ -3,8 +3,6 @@
 import json
 import os
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -80,17 +78,12 @@ def wait_until(condition, timeout_s: float) -> bool:
 
 
 @pytest.fixture
-def host():
+def host(forks):
     """Return a function that starts a host and returns its process, board's pid and bench state."""
     started = []
 
     def start(program: str):
-        process = subprocess.Popen(
-            [sys.executable, "-c", program],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
+        process = forks.start(program)
         board = json.loads(process.stdout.readline())
         bench = BenchState(Path(board["bench"]))
         started.append((process, board["pid"], bench))
@@ -101,8 +94,7 @@ def host():
 
     yield start
     for process, pid, bench in started:
-        process.kill()
-        process.communicate()
+        process.end()
         bench.close()
         if running(pid):
             os.kill(pid, signal.SIGKILL)

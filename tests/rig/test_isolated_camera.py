@@ -95,8 +95,16 @@ def test_a_producer_that_fails_is_ended_and_started_again(bench, monkeypatch, wh
     shoot(bench, armed(bench), 5)
 
 
+@pytest.fixture
+def real_start(monkeypatch):
+    """Start the process of a camera as programs do."""
+    monkeypatch.setattr(isolated, "subprocess", subprocess)
+
+
+@pytest.mark.usefixtures("real_start")
 def test_the_process_ends_with_the_camera(bench):
     camera = armed(bench)
+    shoot(bench, camera, 6)
     assert is_alive(camera.pid)
     camera.close()
     assert not is_alive(camera.pid)
@@ -110,6 +118,7 @@ def test_ctrl_c_does_not_reach_the_camera(bench):
     shoot(bench, camera, 2)
 
 
+@pytest.mark.usefixtures("real_start")
 def test_a_camera_that_does_not_open_leaves_no_process(bench, monkeypatch):
     started = []
 
@@ -137,26 +146,21 @@ camera.fetch(frame, 60) if sys.argv[2] == "waiting" else time.sleep(60)
 
 
 @pytest.mark.parametrize("when", ["waiting", "idle"])
-def test_a_killed_host_leaves_no_process_and_no_open_camera(bench, when):
-    host = subprocess.Popen(
-        [sys.executable, "-c", _HOST, str(bench.device.cti), when], stdout=subprocess.PIPE
-    )
+def test_a_killed_host_leaves_no_process_and_no_open_camera(bench, forks, when):
+    host = forks.start(_HOST, bench.device.cti, when)
     pid = int(host.stdout.readline())
     assert is_alive(pid)
-    host.kill()
-    host.wait()
-    host.stdout.close()
+    host.end()
     check_ends(pid)
     shoot(bench, armed(bench), 4)
 
 
-def test_a_library_that_holds_the_lock_for_ever_ends_the_process():
+def test_a_library_that_holds_the_lock_for_ever_ends_the_process(forks):
     stuck = (
         "import ctypes; from rig.genicam.isolated_process import end_if_stuck; "
         "end_if_stuck(0.5); ctypes.PyDLL(None).sleep(600)"
     )
-    ended = subprocess.run([sys.executable, "-c", stuck], timeout=PATIENCE_S, check=False)
-    assert ended.returncode == 1
+    assert forks.run(stuck).returncode == 1
 
 
 _NOISY = """

@@ -91,7 +91,7 @@ def test_a_flipped_bit_of_machine_code_is_noticed(kernel, watch, tmp_path):
     assert kernel()(4) == 8
     (path,) = files(tmp_path, ".nbc")
     data = bytearray(path.read_bytes())
-    for place in range(0, len(data), len(data) // 20):
+    for place in range(0, len(data), len(data) // 7):
         path.write_bytes(data[:place] + bytes([data[place] ^ 8]) + data[place + 1 :])
         before = len(watch.active)
         assert kernel()(4) == 8

@@ -1,8 +1,6 @@
 """Programs that receive a signal to end turn their LEDs off first, even if they are stuck."""
 
 import signal
-import subprocess
-import sys
 import time
 
 import pytest
@@ -58,21 +56,26 @@ while True:
 """
 
 
-def start(body, *benches):
-    program = HOST.replace("{body}", body)
-    command = [sys.executable, "-c", program, *(bench.virtual.port for bench in benches)]
-    host = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    assert host.stdout.readline() == "lit\n", host.stderr.read()
-    return host
+@pytest.fixture
+def start(forks):
+    """Return a function that starts a program on benches and waits until the LED is on."""
+    started = []
+
+    def start(body, *benches):
+        ports = (bench.virtual.port for bench in benches)
+        host = forks.start(HOST.replace("{body}", body), *ports)
+        started.append(host)
+        assert host.stdout.readline() == "lit\n", host.stderr.read()
+        return host
+
+    yield start
+    for host in started:
+        host.end()
 
 
 def end(host):
     """Return the exit code, output and errors of a program that should have ended by now."""
-    try:
-        out, err = host.communicate(timeout=100)
-    finally:
-        host.kill()
-        host.wait()
+    out, err = host.communicate()
     return host.returncode, out, err
 
 
@@ -112,7 +115,9 @@ def trips(bench):
         every=2,
     ),
 )
-def test_a_signal_turns_the_led_off_and_ends_the_program_as_usual(own_bench, body, number, code):
+def test_a_signal_turns_the_led_off_and_ends_the_program_as_usual(
+    start, own_bench, body, number, code
+):
     host = start(body, own_bench)
     assert own_bench.state.led(time.monotonic_ns()) == 5
     host.send_signal(number)
@@ -124,23 +129,18 @@ def test_a_signal_turns_the_led_off_and_ends_the_program_as_usual(own_bench, bod
     assert trips(own_bench) == 0
 
 
-def test_a_stuck_thread_keeps_the_program_alive_but_not_the_led_on(own_bench):
+def test_a_stuck_thread_keeps_the_program_alive_but_not_the_led_on(start, own_bench):
     host = start("stuck_writer()\n" + SHOOT, own_bench)
-    try:
-        host.send_signal(signal.SIGTERM)
-        assert went_dark(own_bench)
-        time.sleep(0.3)
-        # Python waits for the writer thread, so turning the LED off must not depend on that.
-        assert host.poll() is None
-    finally:
-        host.kill()
-        host.wait()
-        host.stdout.close()
-        host.stderr.close()
+    host.send_signal(signal.SIGTERM)
+    assert went_dark(own_bench)
+    time.sleep(0.3)
+    # Python waits for the writer thread, so turning the LED off must not depend on that.
+    assert host.poll() is None
+    host.kill()
     assert trips(own_bench) == 0
 
 
-def test_an_ignored_signal_remains_ignored(own_bench):
+def test_an_ignored_signal_remains_ignored(start, own_bench):
     host = start("signal.signal(signal.SIGHUP, signal.SIG_IGN)\n" + SHOOT, own_bench)
     host.send_signal(signal.SIGHUP)
     time.sleep(0.3)
@@ -150,7 +150,7 @@ def test_an_ignored_signal_remains_ignored(own_bench):
     assert went_dark(own_bench)
 
 
-def test_the_leds_of_all_rigs_of_a_program_turn_off(real_bench, own_bench):
+def test_the_leds_of_all_rigs_of_a_program_turn_off(start, real_bench, own_bench):
     host = start(ON + LOOK_ALIVE, real_bench, own_bench)
     host.send_signal(signal.SIGTERM)
     assert end(host)[0] == 143
@@ -158,7 +158,7 @@ def test_the_leds_of_all_rigs_of_a_program_turn_off(real_bench, own_bench):
     assert went_dark(own_bench)
 
 
-def test_a_program_that_does_not_close_turns_the_led_off(own_bench):
+def test_a_program_that_does_not_close_turns_the_led_off(start, own_bench):
     host = start(ON + "print('lit', flush=True)", own_bench)
     assert end(host)[0] == 0
     assert went_dark(own_bench)

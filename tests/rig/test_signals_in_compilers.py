@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import gc
 import signal
-import subprocess
-import sys
 import time
 import weakref
 from collections.abc import Callable
@@ -46,27 +44,17 @@ except BaseException as error:
 TAKEN = "from rig import end_program\nsignal.signal(signal.{name}, end_program)"
 
 
-def run(program: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-P", "-c", program],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=200,
-    )
-
-
 @pytest.mark.parametrize("name", quick(["SIGINT", "SIGTERM", "SIGHUP"], every=3))
-def test_a_signal_while_llvm_links_does_not_crash(name, tmp_path, monkeypatch):
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    done = run(LINKED.format(taken=TAKEN.format(name=name), name=name))
-    assert "Segmentation" not in done.stderr
-    assert (done.returncode, done.stdout) == (0, "ended\n")
+def test_a_signal_while_llvm_links_does_not_crash(name, forks):
+    done = forks.run(LINKED.format(taken=TAKEN.format(name=name), name=name))
+    assert "Segmentation" not in done.err
+    assert (done.returncode, done.out) == (0, "ended\n")
 
 
 @pytest.fixture
-def taken():
-    """Handle SIGINT and SIGTERM with `end_program`."""
+def taken(monkeypatch):
+    """Handle SIGINT and SIGTERM with `end_program`, which looks at the program more often."""
+    monkeypatch.setattr(ending, "_AGAIN_EVERY_S", 0.02)
     numbers = (signal.SIGINT, signal.SIGTERM)
     before = [signal.signal(number, end_program) for number in numbers]
     # hypothesis installs a callback in which an exception would be lost.
@@ -229,10 +217,8 @@ space["compiles"]()
 """
 
 
-def test_a_second_signal_ends_the_process_now():
-    process = subprocess.Popen(
-        [sys.executable, "-P", "-c", SECOND], stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    )
+def test_a_second_signal_ends_the_process_now(forks):
+    process = forks.start(SECOND)
     try:
         process.stdout.readline()
         # The first signal waits; a signal during the renewal of the wait counts as the renewal.
@@ -242,9 +228,6 @@ def test_a_second_signal_ends_the_process_now():
             if process.poll() is not None:
                 break
         assert process.wait(60) == -signal.SIGTERM
-        assert process.stderr.read() == b""
+        assert process.stderr.read() == ""
     finally:
-        process.kill()
-        process.wait()
-        process.stdout.close()
-        process.stderr.close()
+        process.end()

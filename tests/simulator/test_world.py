@@ -18,19 +18,20 @@ from hypothesis import strategies as st
 
 from acquisition import DataError, make_folder
 from acquisition.files import storage
+from acquisition.session import SessionWriter
 from rig import Board, BoardError, CameraFrame, Shot
 from rig.board import BoardEcho, protocol
 from rig.host import clock, filesystem, program, threads
 from rig.shooting import lights_off
 from simulator.bench.state import LitPeriod
 from simulator.led_board import BoardFault
-from simulator.world import Event, Schedule, Trial, World
+from simulator.world import Event, Schedule, Trial, World, trial
 from simulator.world.disk import Disk
 from simulator.world.invariants import SessionState, badly_lit, misplaced
 from simulator.world.light import LightHistory, LightView
 from simulator.world.schedule import KINDS, VERSION
 from simulator.world.scheduler import StuckError
-from simulator.world.trial import empty_folder, run, run_seed
+from simulator.world.trial import run, run_seed
 from tests.quick_sample import quick
 
 CALM = Schedule(3, ())
@@ -144,13 +145,25 @@ def test_files_are_where_the_journal_states(tmp_path: Path) -> None:
     ]
 
 
-def test_a_second_program_takes_over_and_may_not_complete_without_what_it_rejected() -> None:
-    lines: list[str] = []
-    for seed in range(6):
+def test_a_program_of_an_operator_may_not_complete_without_what_it_rejected(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    refused: list[str] = []
+    complete = SessionWriter.complete
+
+    def noted(writer: SessionWriter) -> None:
+        try:
+            complete(writer)
+        except DataError as error:
+            refused.append(str(error))
+            raise
+
+    monkeypatch.setattr(trial, "_BY_HAND", 1)
+    monkeypatch.setattr(SessionWriter, "complete", noted)
+    for seed in range(4):
         events = Event(500, "program:second"), Event(505, "program:SIGKILL")
-        with empty_folder() as folder:
-            assert Trial(Schedule(seed, events), folder, lines.append).run().violations == ()
-    assert any("second: " in line and "take them before completing" in line for line in lines)
+        assert run(Schedule(seed, events)).violations == ()
+    assert any("take them before completing" in text for text in refused)
 
 
 def test_a_stray_trigger_comes_whatever_the_board_does() -> None:
@@ -187,6 +200,9 @@ FOUND = {
             Event(151, "board:reset", 138, flush=True),
             Event(297, "wire:stray-trigger", 51),
         ),
+    ),
+    "the file of a write that failed after its rename stayed in a complete session": Schedule(
+        79, (Event(168, "program:SIGKILL"), Event(224, "disk:flush-fails", 1, 1, flush=True))
     ),
 }
 

@@ -8,8 +8,12 @@ standard input is closed.
 
 from __future__ import annotations
 
+import fcntl
+import os
 import shutil
 import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -20,6 +24,14 @@ AVR_LIBC = Path("/usr/lib/avr/include/avr/io.h")
 ARDUINO = Path("/usr/share/arduino/hardware/arduino/avr/cores/arduino/Arduino.h")
 SIMAVR = Path("/usr/include/simavr/sim_avr.h")
 LIBELF = Path("/usr/include/libelf.h")
+
+
+def built(factory: pytest.TempPathFactory) -> Path:
+    """Return the folder in which all workers of a test run build the firmware once."""
+    base = factory.getbasetemp()
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "firmware"
+    folder.mkdir(exist_ok=True)
+    return folder
 
 
 def host(folder: Path, firmware: Path = FIRMWARE) -> list[str]:
@@ -87,13 +99,28 @@ def _in_simavr(folder: Path, firmware: Path, image: str, mcu: str) -> list[str]:
 
 
 def _make(folder: Path, firmware: Path, *targets: str) -> None:
+    """Build in a folder, one process at a time, and check that no source folder changes."""
     need("make")
-    run("make", "-C", firmware, f"OUT={folder}", *targets)
+    with _alone(folder):
+        before = sorted(firmware.rglob("*"))
+        run("make", "-C", firmware, f"OUT={folder}", *targets)
+        assert sorted(firmware.rglob("*")) == before
 
 
 def _bridge(folder: Path) -> Path:
     source, program = HERE / "bridge.c", folder / "bridge"
-    if not program.exists():
-        strict = ("-std=gnu11", "-O2", "-Wall", "-Wextra", "-Werror")
-        run("gcc", *strict, "-o", program, source, "-lsimavr", "-lelf", "-lutil")
+    with _alone(folder):
+        if not program.exists():
+            strict = ("-std=gnu11", "-O2", "-Wall", "-Wextra", "-Werror")
+            run("gcc", *strict, "-o", program, source, "-lsimavr", "-lelf", "-lutil")
     return program
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
