@@ -31,7 +31,7 @@ except ImportError:  # Windows: two commands in one folder are not detected
 
 P = ParamSpec("P")
 # Through which a command locks its folders until it ends, and whether these may contain a result.
-_claims: ContextVar[tuple[ExitStack, bool] | None] = ContextVar("claims", default=None)
+_claims: ContextVar[tuple[ExitStack, bool, set[Path]] | None] = ContextVar("claims", default=None)
 
 
 def writes_folder(record: str) -> Callable[[Callable[P, Result]], Callable[P, Result]]:
@@ -59,7 +59,7 @@ def writes_folder(record: str) -> Callable[[Callable[P, Result]], Callable[P, Re
             force = force or _cut_short(out / record)
             check_output(out, parameters.values(), force=force)
             with ExitStack() as stack:
-                stack.callback(_claims.reset, _claims.set((stack, force)))
+                stack.callback(_claims.reset, _claims.set((stack, force, set())))
                 result = command(*args, **kwargs)
                 made = parameters | result.parameters
                 write_record(out / record, _name(command), made, result, defaults=defaults)
@@ -109,12 +109,14 @@ def claim_folder(out: Path, record: str, inputs: Iterable[Path] = ()) -> Path:
     acquisition.files.check_publishing()
     input_hashes(inputs)
     acquisition.make_folder(out)
-    if claims := _claims.get():
-        stack, force = claims
+    claims = _claims.get()
+    if claims is not None and out not in claims[2]:
+        stack, force, claimed = claims
         other = f"{out}: another command writes its result there: give another --out"
         stack.enter_context(locked(out, other))
         if not force and (out / record).exists():  # not there when the command began
             raise UsageError(other)
+        claimed.add(out)
     acquisition.files.remove_part_files(out)
     for path in earlier_files(out, record):
         try:
