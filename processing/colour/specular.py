@@ -17,7 +17,7 @@ from processing.stereo.pixel_algebra import ANY_ORDER, IN_PLACE, law_or_alike
 from rig import check_type, in_threads
 from rig.arrays import Bool, Float32
 
-# Compiled in: processing/stereo/pixel_algebra.py 59b512c7e227
+# Compiled in: processing/stereo/pixel_algebra.py f495374b06dc
 
 _BLOCK = 16384
 # Where the noise is known, smaller residuals may be noise: 1 in 700 samples of a matte surface.

@@ -12,7 +12,7 @@ from acquisition.values import tangent_basis
 from processing.stereo.pixel_algebra import ANY_ORDER, IN_PLACE
 from rig.arrays import Float32, Float64
 
-# Compiled in: processing/stereo/pixel_algebra.py 59b512c7e227
+# Compiled in: processing/stereo/pixel_algebra.py f495374b06dc
 
 # Rows: position, axis, mu, cosine c0 at the origin, covariance (xx, xy, xz, yy, yz, zz), relative
 # variance of the intensity, variance of the axis (rad^2) and of mu, derivative of the logarithm of

@@ -53,13 +53,13 @@ from processing.noise.tile_reference import (
 from processing.stereo.pixel_algebra import IN_PLACE, MAX_CONDITION, normal_equations
 from rig.arrays import Float32, Float64, Int64, Intp, UInt8, UInt16
 
-# Compiled in: processing/noise/light_table.py 90076fc2e8e0
-# Compiled in: processing/noise/reflectance_residual.py 8e9ef04d427c
-# Compiled in: processing/noise/sample_judgement.py b53acf422682
-# Compiled in: processing/noise/tangents.py c15e22457ed4
-# Compiled in: processing/noise/tile_light_errors.py 0a20057b039b
-# Compiled in: processing/noise/tile_reference.py 24546f8b4972
-# Compiled in: processing/stereo/pixel_algebra.py 59b512c7e227
+# Compiled in: processing/noise/light_table.py 8ba33af6bb6d
+# Compiled in: processing/noise/reflectance_residual.py a2f7b5920652
+# Compiled in: processing/noise/sample_judgement.py 3c5168b67e78
+# Compiled in: processing/noise/tangents.py b051631d90b8
+# Compiled in: processing/noise/tile_light_errors.py 58a6b26845da
+# Compiled in: processing/noise/tile_reference.py 32f37d79f34b
+# Compiled in: processing/stereo/pixel_algebra.py f495374b06dc
 
 _STEPS = 4
 # As in `pixel_algebra`: trace(A) trace(A^-1) is at most 9 times the squared condition number.

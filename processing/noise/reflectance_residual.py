@@ -13,7 +13,7 @@ import numpy as np
 from processing.stereo.pixel_algebra import ANY_ORDER, IN_PLACE, MAD_TO_SIGMA, ranked
 from rig.arrays import Float32, Float64, Int64, UInt8
 
-# Compiled in: processing/stereo/pixel_algebra.py 59b512c7e227
+# Compiled in: processing/stereo/pixel_algebra.py f495374b06dc
 
 _STEPS = 3
 # Samples further away than this many standard deviations do not agree.

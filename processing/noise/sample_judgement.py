@@ -14,7 +14,7 @@ import numpy as np
 from processing.stereo.pixel_algebra import ANY_ORDER, IN_PLACE, MAD_TO_SIGMA, ranked
 from rig.arrays import Float32, Float64, Int64, UInt8, UInt16
 
-# Compiled in: processing/stereo/pixel_algebra.py 59b512c7e227
+# Compiled in: processing/stereo/pixel_algebra.py f495374b06dc
 
 # Samples further away than this many standard deviations do not agree.
 _CUT = 4.0

@@ -9,7 +9,7 @@ import numba
 from processing.stereo.pixel_algebra import IN_PLACE
 from rig.arrays import Float64
 
-# Compiled in: processing/stereo/pixel_algebra.py 59b512c7e227
+# Compiled in: processing/stereo/pixel_algebra.py f495374b06dc
 
 # Below the square of this tangent, two terms of the series of the squared angle suffice.
 _SMALL2 = 1e-6

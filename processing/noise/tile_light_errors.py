@@ -14,9 +14,9 @@ from processing.noise.tile_reference import BY_LIGHTS, HIGHER, LEAST, OF_ERRORS,
 from processing.stereo.pixel_algebra import ANY_ORDER, IN_PLACE
 from rig.arrays import Float32, Float64, Intp
 
-# Compiled in: processing/noise/tangents.py c15e22457ed4
-# Compiled in: processing/noise/tile_reference.py 24546f8b4972
-# Compiled in: processing/stereo/pixel_algebra.py 59b512c7e227
+# Compiled in: processing/noise/tangents.py b051631d90b8
+# Compiled in: processing/noise/tile_reference.py 32f37d79f34b
+# Compiled in: processing/stereo/pixel_algebra.py f495374b06dc
 
 # Parts of the state: sums of the matrix (6), of the changes by the height (3), and the point.
 _CHANGES, _POINT = OF_ERRORS + 6, OF_ERRORS + 9

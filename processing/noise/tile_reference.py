@@ -17,8 +17,8 @@ from processing.noise.tangents import squared_angle, tangent_part
 from processing.stereo.pixel_algebra import IN_PLACE
 from rig.arrays import Float32, Float64, Intp
 
-# Compiled in: processing/noise/tangents.py c15e22457ed4
-# Compiled in: processing/stereo/pixel_algebra.py 59b512c7e227
+# Compiled in: processing/noise/tangents.py b051631d90b8
+# Compiled in: processing/stereo/pixel_algebra.py f495374b06dc
 
 # Pixels of a tile.
 TILE = 32

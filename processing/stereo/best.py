@@ -23,9 +23,9 @@ from processing.stereo.pixel_algebra import (
 from processing.stereo.reflectance_fit import reflectance_fit
 from rig.arrays import Float32, Float64, Int64
 
-# Compiled in: processing/stereo/cauchy.py 2f91469b6547
-# Compiled in: processing/stereo/pixel_algebra.py 59b512c7e227
-# Compiled in: processing/stereo/reflectance_fit.py fd6ba713ed85
+# Compiled in: processing/stereo/cauchy.py 151ecc5dcb15
+# Compiled in: processing/stereo/pixel_algebra.py f495374b06dc
+# Compiled in: processing/stereo/reflectance_fit.py cb8658968650
 
 # Candidates per pixel, and the number of triples that are drawn to find as many.
 _CANDIDATES = 20

@@ -19,7 +19,7 @@ from processing.stereo.pixel_algebra import (
 )
 from rig.arrays import Float32, Float64
 
-# Compiled in: processing/stereo/pixel_algebra.py 59b512c7e227
+# Compiled in: processing/stereo/pixel_algebra.py f495374b06dc
 
 _ITERATIONS = 10
 # With n samples and 3 unknowns the median of |r| is too small; the factor is 1 + 5 / (n - 3)

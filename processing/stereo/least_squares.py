@@ -18,7 +18,7 @@ from processing.stereo.pixel_algebra import (
 )
 from rig.arrays import Float32, Float64
 
-# Compiled in: processing/stereo/pixel_algebra.py 59b512c7e227
+# Compiled in: processing/stereo/pixel_algebra.py f495374b06dc
 
 
 def least_squares(

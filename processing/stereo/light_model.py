@@ -13,7 +13,7 @@ from processing.stereo.pixel_algebra import IN_PLACE, MAX_CONDITION
 from rig import in_threads, pluralize
 from rig.arrays import Bool, Float32, Float64, Intp
 
-# Compiled in: processing/stereo/pixel_algebra.py 59b512c7e227
+# Compiled in: processing/stereo/pixel_algebra.py f495374b06dc
 
 _FAST = {"contract", "nsz"}
 

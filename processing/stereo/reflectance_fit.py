@@ -11,8 +11,8 @@ from processing.stereo.cauchy import FEW_SAMPLES
 from processing.stereo.pixel_algebra import ANY_ORDER, IN_PLACE, ranked
 from rig.arrays import Float32, Float64
 
-# Compiled in: processing/stereo/cauchy.py 2f91469b6547
-# Compiled in: processing/stereo/pixel_algebra.py 59b512c7e227
+# Compiled in: processing/stereo/cauchy.py 151ecc5dcb15
+# Compiled in: processing/stereo/pixel_algebra.py f495374b06dc
 
 # The family, from coarse to fine: the lobe (h . n)^2, GGX lobes by their width, and no lobe.
 _SQUARE, _MATTE = 0.0, -1.0
