@@ -17,14 +17,14 @@ PACKAGES = ("rig", "acquisition", "calibration", "processing", "simulator", "sgp
 BUDGET = {
     "rig": (4250, 49, 69),  # with `figure`, which all messages use
     "acquisition": (15900, 66, 158),
-    "calibration": (10690, 30, 90),
+    "calibration": (10700, 30, 90),
     "processing": (27160, 66, 247),
     "simulator": (9050, 28, 77),
     "sgp": (18460, 0, 177),
 }
 WORDS_OF_DOCUMENTS = 59400
 # Numbers of calibration/spheres that were chosen, not derived.
-TUNED_CONSTANTS = 268
+TUNED_CONSTANTS = 269
 STRATA_OF_SGP = 7
 
 

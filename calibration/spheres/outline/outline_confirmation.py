@@ -36,7 +36,8 @@ _USUAL_FACTOR = 4
 # Circles that are given may be so many times their reach away.
 _NEAR = 2.0
 # A ball mirrors the horizon at this share of its radius, known to a reach in radii of the ball.
-_HORIZON, _HORIZON_REACH = 0.73, 0.15
+HORIZON = 0.73
+_HORIZON_REACH = 0.15
 # Without a plane, only the edges show that there is a ball. False outlines have up to 0.48, all of
 # those below 0.6 get a notice.
 LEAST_SUPPORT = 0.45
@@ -117,7 +118,7 @@ def ball_around(values: Images, plane: MirroredPlane, edge: Ellipse) -> SphereIm
     It is around the edge, of the size that belongs to it, and mirrors the plane.
     """
     x, y, radius = edge.circle_px
-    ball = Ellipse.circle(x, y, radius / _HORIZON)
+    ball = Ellipse.circle(x, y, radius / HORIZON)
     return confirmed_near(values, plane, [ball], [_HORIZON_REACH * ball.radius_px])[0]
 
 

@@ -17,9 +17,9 @@ from calibration.spheres.highlights.spots import (
     spot_clusters,
 )
 from calibration.spheres.outline.mirror_outline import outlined_mirror
-from calibration.spheres.outline.mirror_search import find_mirror, outline_of
+from calibration.spheres.outline.mirror_search import Mirror, find_mirror, outline_of
 from calibration.spheres.outline.outline import SHARP_PX, TracedOutline
-from calibration.spheres.outline.outline_confirmation import ball_around, confirmed, in_all_images
+from calibration.spheres.outline.outline_confirmation import HORIZON, confirmed, in_all_images
 from calibration.spheres.outline.sphere_image import SAFE_COVERAGE, SphereImage, circles_of, places
 from calibration.spheres.outline.surroundings import MirroredPlane
 from calibration.spheres.propose.edge_search import (
@@ -46,6 +46,7 @@ _LEAST_LIGHTS = 3
 _LEAST_SHARE = 0.2
 # The mirror image of an LED lies within the outline; glare around it may reach beyond.
 _INSIDE = 1.1
+_CONCENTRIC = 0.15
 # The edges of all images are compared around so many circles that differ by this share of the
 # radius.
 _MOST, _APART = 4, 0.1
@@ -292,14 +293,36 @@ def find_spheres(
     ]
     if undecided:
         for sphere in spheres_by_edges(values, undecided, radii_px, [*excluded, *mirroring]):
-            around = ball_around(values, plane, sphere.outline)
-            one = around or in_all_images(values, sphere)
+            around = _ball_around(plane, sphere, undecided)
+            if around is None:
+                one = in_all_images(values, sphere)
+            else:
+                one = confirmed(values, [outlined_mirror(values, plane, around)])[0]
             if one is not None:
                 spheres.append(one)
     if undecided and not spheres and not excluded:
         blurred = sphere_out_of_focus(values, undecided, radii_px)
         spheres = [] if blurred is None else [blurred]
     return sorted(spheres, key=lambda sphere: sphere.outline.centre_px)
+
+
+def _ball_around(
+    plane: MirroredPlane, sphere: SphereImage, clusters: Sequence[SpotCluster]
+) -> Mirror | None:
+    """Return the ball in which an edge is the mirrored horizon, or None.
+
+    A sphere mirrors the horizon at about 73 % of its radius. A ball of that size around the edge,
+    with the same centre, that mirrors the plane fairly well is the sphere.
+    """
+    edge = sphere.outline
+    for cluster in clusters:
+        if inside(cluster, edge):
+            ball = find_mirror(plane, cluster, [edge.radius_px / HORIZON])
+            if ball is not None:
+                outline = outline_of(plane.camera, ball.ball)
+                if edge.apart_px(outline) < _CONCENTRIC * outline.radius_px:
+                    return ball
+    return None
 
 
 def sphere_out_of_focus(
