@@ -150,7 +150,7 @@ def light_strengths(
     --------
     >>> import numpy as np
     >>> from acquisition import Lights
-    >>> from processing.checks import light_strengths
+    >>> from processing.series import light_strengths
     >>> lights = Lights(directions=[[1, 0, 1], [0, 1, 1], [-1, 0, 1], [0, -1, 1], [0, 0, 1]])
     >>> y, x = np.mgrid[0.5:-0.5:40j, -0.5:0.5:40j]
     >>> normals = np.dstack([x, y, np.sqrt(1 - x**2 - y**2)])
