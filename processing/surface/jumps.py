@@ -10,6 +10,7 @@ by the chord rule, and both must trust it: its weight is that of the pixel that 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -20,10 +21,10 @@ from processing.surface.chord_rule import ChordRule
 from processing.surface.grid_graph import label_parts
 from processing.surface.jump_evidence import JumpEvidence, Pair, jump_evidence
 from processing.surface.jump_resampling import median_surface, random_weights
-from processing.surface.known_pieces import moved_to_known
 from processing.surface.multigrid import Solution
 from processing.surface.normal_turns import evenness
-from processing.surface.placement import placed
+from processing.surface.placement import linked, placed
+from processing.surface.rim_basins import Basins
 from rig import Progress, no_progress, short_repr
 from rig.arrays import AnyArray, Bool, Float32, Float64, Int32
 
@@ -255,7 +256,13 @@ class JumpProblem:
     def judged(self, u: Float64) -> tuple[Bool, Bool, Float32, Int32]:
         """Return the jumps to the right and down, the doubt and the pieces of a surface."""
         problem = self.alternation
-        return _judged(u, _JUMP_PX / problem.scale, problem.edges[:2], problem.trust(u))
+        trust = problem.trust(u)
+        pieces = None if self.known is None else self._basins.pieces()
+        return _judged(u, _JUMP_PX / problem.scale, problem.edges[:2], trust, pieces)
+
+    @cached_property
+    def _basins(self) -> Basins:
+        return Basins.of(self.alternation.edges[:2], self.evidence.continuity)
 
     def _searched(self) -> tuple[Alternated, int]:
         """Find pieces and place them, several times with resampled evidence, and once with all.
@@ -336,9 +343,7 @@ class JumpProblem:
             return self.alternation.solved(after=u)
         # Those of a larger map were moved in one of half the size.
         if self.mask.size <= _LARGEST_SEARCH:
-            held = self.known.weights > 0
-            edges = self.alternation.edges[:2]
-            u = moved_to_known(u, self.known.target, held, edges, self.evidence.continuity)
+            u = self._basins.moved(u, self.known.target, self.known.weights > 0)
         return self.near(u.copy()).alternation.solved(after=u)
 
     def _halved(self) -> JumpProblem:
@@ -418,12 +423,15 @@ def _sums(values: AnyArray, cell: int = 2) -> AnyArray:
     return sums
 
 
-def _judged(u: Float64, jump: float, edges: Pair, trust: Pair) -> tuple[Bool, Bool, Float32, Int32]:
-    """Find jumps above a height, doubt and pieces; the trust is changed."""
+def _judged(
+    u: Float64, jump: float, edges: Pair, trust: Pair, apart: Int32 | None
+) -> tuple[Bool, Bool, Float32, Int32]:
+    """Find jumps above a height, doubt and pieces, each within one of other pieces, if given.
+
+    The trust is changed.
+    """
     inner = slice(1, -1), slice(1, -1)
-    linked = (edges[0] > 0) | (edges[1] > 0)
-    linked[:, 1:] |= edges[0][:, :-1] > 0
-    linked[1:] |= edges[1][:-1] > 0
+    surface = linked(edges) > 0
     doubt = np.zeros(u.shape, np.float32)
     jumps = []
     for axis, (edge, confidence) in enumerate(zip(edges, trust, strict=True)):
@@ -431,16 +439,18 @@ def _judged(u: Float64, jump: float, edges: Pair, trust: Pair) -> tuple[Bool, Bo
         # Of pixels without an edge between them, the normals are opposed, or grazing.
         steep = np.abs(u[there] - u[here]) > jump
         jumped = np.zeros(u.shape, bool)
-        jumped[here] = steep & linked[here] & linked[there] & (confidence[here] < _JUMP_TRUST)
+        jumped[here] = steep & surface[here] & surface[there] & (confidence[here] < _JUMP_TRUST)
         jumps.append(jumped[inner])
         little = np.where(edge[here] > 0, 1 - confidence[here], 0)
         np.maximum(doubt[here], little, out=doubt[here])
         np.maximum(doubt[there], little, out=doubt[there])
-    doubt[~linked] = np.nan
-    for confidence in trust:
+    doubt[~surface] = np.nan
+    for axis, confidence in enumerate(trust):
         confidence[confidence <= _PIECE_TRUST] = 0
+        if apart is not None:
+            confidence[apart != np.roll(apart, -1, axis=1 - axis)] = 0
     labels, count = label_parts(*trust)
-    pieces = _largest_first(labels[inner], count, int(np.count_nonzero(linked)))
+    pieces = _largest_first(labels[inner], count, int(np.count_nonzero(surface)))
     return jumps[0], jumps[1], doubt[inner].copy(), pieces
 
 

@@ -62,7 +62,7 @@ def _pieces(witness: Pair, trust: Pair) -> tuple[Int32, int]:
     """Return the number of the piece of each pixel, -1 without edges, and how many there are."""
     strong = [np.where(each > _FIRM, each, np.float32(0)) for each in trust]
     labels, count = label_parts(*strong)
-    alone = (labels < 0) & (_linked(witness) > 0)
+    alone = (labels < 0) & (linked(witness) > 0)
     extra = int(np.count_nonzero(alone))
     labels[alone] = np.arange(count, count + extra, dtype=np.int32)
     count += extra
@@ -82,11 +82,11 @@ def _pieces(witness: Pair, trust: Pair) -> tuple[Int32, int]:
     return labels, len(numbers)
 
 
-def _linked(witness: Pair) -> Float32:
-    """Return the weights of all edges of each pixel."""
-    total = witness[0] + witness[1]
-    total[:, 1:] += witness[0][:, :-1]
-    total[1:] += witness[1][:-1]
+def linked(weights: Pair) -> Float32:
+    """Return the sum of the weights of all edges of each pixel."""
+    total = weights[0] + weights[1]
+    total[:, 1:] += weights[0][:, :-1]
+    total[1:] += weights[1][:-1]
     return total
 
 

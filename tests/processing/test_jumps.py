@@ -288,3 +288,20 @@ def test_known_heights_move_what_floats(places: list[tuple[float, float]], sigma
     surface = integrate(normals, prior=prior)
     assert np.abs(surface.height - height).mean() < 0.3
     assert [notice.code for notice in surface.warnings] == []
+
+
+@cases("places", {"both caps": [(0.3, 0.35), (0.68, 0.62)], "one cap": [(0.3, 0.35)]})
+def test_a_piece_beyond_a_rim_without_a_known_height_is_a_guess(
+    places: list[tuple[float, float]],
+) -> None:
+    """The rims have gaps, through which the ground seems to hang together with a cap."""
+    height, normals = floating_caps(160)
+    at = np.round(160 * np.array(places)).astype(int)
+    prior = HeightPrior.from_points(at, height[at[:, 1], at[:, 0]], 0.1, height.shape)
+    surface = integrate(normals, prior=prior)
+    assert [notice.code for notice in surface.warnings] == ["height-guessed"]
+    assert surface.jumps is not None
+    pieces = surface.jumps.pieces
+    held = np.isin(pieces, pieces[at[:, 1], at[:, 0]])
+    assert np.abs(surface.height - height)[held].max() < 0.3
+    assert not held[height == 0].any()
