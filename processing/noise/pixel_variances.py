@@ -19,7 +19,6 @@ from processing.noise.sample_kind import Reason, SampleKind
 from processing.stereo.frames import Frames
 from processing.stereo.image_noise import NoiseLaw, law_of_images
 from processing.stereo.light_model import LightModel
-from processing.stereo.normals_and_albedo import PhotometricStereoResult
 from rig import Progress, no_progress, short_repr
 from rig.arrays import Bool, Float32, Float64, Intp, UInt8, UInt16
 
@@ -321,31 +320,6 @@ def origin_of(noise: StackNoise | None, estimated: Float32 | None) -> Origin:
     if noise is not None:
         return cast(Origin, noise.origin)
     return "unknown" if estimated is None else "residuals"
-
-
-def kinds_of(
-    stack: Float32,
-    lights: Lights,
-    mask: Bool,
-    stereo: PhotometricStereoResult,
-    points_mm: Float64 | None,
-    noise: StackNoise | None,
-) -> UInt8:
-    """Return the kind of every sample, ``(N, H, W)``; 0 outside the mask."""
-    given = SolvedStack(
-        values=np.ascontiguousarray(stack, np.float32),
-        lights=lights,
-        mask=mask,
-        normals=stereo.normal_map.normals,
-        albedo=stereo.albedo,
-        points_mm=points_mm,
-        noise=noise,
-    )
-    pixels = np.flatnonzero(mask)
-    kinds, *_ = given.solver().solve(pixels, *given.samples(pixels, given.fitted_law()))
-    whole = np.zeros((len(stack), mask.size), np.uint8)
-    whole[:, pixels] = kinds.T
-    return whole.reshape(stack.shape)
 
 
 def law_of_errors(law: Float32 | None, images: int, pixels: int) -> Float32 | None:

@@ -256,9 +256,8 @@ class JumpProblem:
     def judged(self, u: Float64) -> tuple[Bool, Bool, Float32, Int32]:
         """Return the jumps to the right and down, the doubt and the pieces of a surface."""
         problem = self.alternation
-        trust = problem.trust(u)
-        pieces = None if self.known is None else self._basins.pieces()
-        return _judged(u, _JUMP_PX / problem.scale, problem.edges[:2], trust, pieces)
+        apart = None if self.known is None else self._basins.pieces()
+        return _judged(u, _JUMP_PX / problem.scale, problem.edges[:2], problem.trust(u), apart)
 
     @cached_property
     def _basins(self) -> Basins:

@@ -59,8 +59,7 @@ class Basins(NamedTuple):
             ends.append((here, here + step))
             # Normals that are opposed have no edge.
             rims.append((edges[axis].ravel()[here] <= 0) | (continuity[axis].ravel()[here] < SURE))
-        a, b = (np.concatenate(each) for each in zip(*ends, strict=True))
-        rim = np.concatenate(rims)
+        (a, b), rim = np.concatenate(ends, axis=1), np.concatenate(rims)
         clear = inside.astype(np.uint8)
         clear.ravel()[a[rim]] = clear.ravel()[b[rim]] = 0
         distance = np.asarray(cv2.distanceTransform(clear, cv2.DIST_L2, 5), np.float32).ravel()
