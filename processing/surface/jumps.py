@@ -10,7 +10,6 @@ by the chord rule, and both must trust it: its weight is that of the pixel that 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -256,12 +255,16 @@ class JumpProblem:
     def judged(self, u: Float64) -> tuple[Bool, Bool, Float32, Int32]:
         """Return the jumps to the right and down, the doubt and the pieces of a surface."""
         problem = self.alternation
-        apart = None if self.known is None else self._basins.pieces()
+        apart = None if self.known is None else self._basins(u).pieces()
         return _judged(u, _JUMP_PX / problem.scale, problem.edges[:2], problem.trust(u), apart)
 
-    @cached_property
-    def _basins(self) -> Basins:
-        return Basins.of(self.alternation.edges[:2], self.evidence.continuity)
+    def _trust(self, u: Float64) -> Pair:
+        """Return how much both pixels of each edge trust each other, where normals do, too."""
+        own, continuity = self.alternation.trust(u), self.evidence.continuity
+        return own[0] * continuity[0], own[1] * continuity[1]
+
+    def _basins(self, u: Float64) -> Basins:
+        return Basins.of(self.alternation.edges[:2], self._trust(u))
 
     def _searched(self) -> tuple[Alternated, int]:
         """Find pieces and place them, several times with resampled evidence, and once with all.
@@ -328,7 +331,7 @@ class JumpProblem:
         least, iterations = self.contradiction(best.u), best.iterations
         steps = problem.edges[2], problem.edges[3]
         for width in _WIDTHS_PX:
-            trust = problem.trust(best.u)
+            trust = self._trust(best.u)
             found = self._late(placed(best.u, steps, self.evidence, trust, width, problem.scale))
             iterations += found.iterations
             contradiction = self.contradiction(found.u)
@@ -342,7 +345,7 @@ class JumpProblem:
             return self.alternation.solved(after=u)
         # Those of a larger map were moved in one of half the size.
         if self.mask.size <= _LARGEST_SEARCH:
-            u = self._basins.moved(u, self.known.target, self.known.weights > 0)
+            u = self._basins(u).moved(u, self.known.target, self.known.weights > 0)
         return self.near(u.copy()).alternation.solved(after=u)
 
     def _halved(self) -> JumpProblem:

@@ -45,7 +45,6 @@ def placed(
     scale
         Pixels for a step of 1.
     """
-    trust = (evidence.continuity[0] * trust[0], evidence.continuity[1] * trust[1])
     pieces, count = _pieces(evidence.witness, trust)
     votes = [
         _votes(pieces, scale * u, evidence.witness[axis], evidence.order[axis], scale * step, axis)

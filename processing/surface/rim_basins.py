@@ -1,4 +1,4 @@
-"""Pieces of a surface between rims that the normals show, and the known heights on them.
+"""Pieces of a surface between rims, and the known heights on them.
 
 A known height says nothing about pixels beyond a rim, but rims have gaps: where a jump follows a
 row or a column, normals hardly show it. The pieces are the basins of the distance from rims; two of
@@ -13,12 +13,12 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
-from processing.surface.jump_evidence import SURE, Pair
+from processing.surface.jump_evidence import Pair
 from processing.surface.placement import CRUMB, joined, linked
 from rig.arrays import Bool, Float32, Float64, Int32, Int64
 
-# A border is a rim if the normals show a jump along this share of it.
-_RIM_SHARE = 0.5
+# Edges with less trust are at a rim, and a border with a larger share of them is one.
+_TRUST, _RIM_SHARE = 0.5, 0.5
 
 
 class Basins(NamedTuple):
@@ -31,9 +31,9 @@ class Basins(NamedTuple):
     a, b
         ``(N,)`` int32 basins of two neighbours.
     rim
-        ``(N,)`` bool, whether the normals show a jump between them.
+        ``(N,)`` bool, whether there is a rim between them.
     width
-        ``(N,)`` float32 distance of the nearer one from a rim, in pixels.
+        ``(N,)`` float32 distance of the nearer one from a rim, in pixels, plus their trust.
     """
 
     labels: Int32
@@ -43,23 +43,23 @@ class Basins(NamedTuple):
     width: Float32
 
     @classmethod
-    def of(cls, edges: Pair, continuity: Pair) -> Basins:
+    def of(cls, edges: Pair, trust: Pair) -> Basins:
         """Return the basins of a surface.
 
         Parameters
         ----------
-        edges, continuity
-            ``(H+2, W+2)`` weights of the edges to the right and down, and the probabilities that
-            they are continuous.
+        edges, trust
+            ``(H+2, W+2)`` weights of the edges to the right and down, and their trust, 0 to 1.
         """
         inside = linked(edges) > 0
-        flat, ends, rims = inside.ravel(), [], []
+        flat, ends, trusted = inside.ravel(), [], []
         for axis, step in enumerate((1, inside.shape[1])):
             here = np.flatnonzero(flat[:-step] & flat[step:])
             ends.append((here, here + step))
             # Normals that are opposed have no edge.
-            rims.append((edges[axis].ravel()[here] <= 0) | (continuity[axis].ravel()[here] < SURE))
-        (a, b), rim = np.concatenate(ends, axis=1), np.concatenate(rims)
+            trusted.append(np.where(edges[axis] > 0, trust[axis], np.float32(0)).ravel()[here])
+        (a, b), sure = np.concatenate(ends, axis=1), np.concatenate(trusted)
+        rim = sure < _TRUST
         clear = inside.astype(np.uint8)
         clear.ravel()[a[rim]] = clear.ravel()[b[rim]] = 0
         distance = np.asarray(cv2.distanceTransform(clear, cv2.DIST_L2, 5), np.float32).ravel()
@@ -67,7 +67,7 @@ class Basins(NamedTuple):
         labels[flat] = np.unique(_summits(distance, a, b)[flat], return_inverse=True)[1]
         apart = labels[a] != labels[b]
         a, b = a[apart], b[apart]
-        width = np.minimum(distance[a], distance[b])
+        width = np.minimum(distance[a], distance[b]) + sure[apart]
         return cls(labels.reshape(inside.shape), labels[a], labels[b], rim[apart], width)
 
     def pieces(self) -> Int32:
