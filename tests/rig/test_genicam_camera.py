@@ -360,7 +360,7 @@ camera.close()
 def test_ctrl_c_ends_the_wait_and_the_camera_stays_usable(make, forks):
     process = forks.start(WAITING, make().device.cti)
     assert process.stdout.readline() == "waiting\n"
-    time.sleep(0.3)
+    time.sleep(0.1)
     process.send_signal(signal.SIGINT)
     assert process.stdout.readline() == "frame 1\n"
     assert process.wait() == 0

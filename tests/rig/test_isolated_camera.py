@@ -81,8 +81,8 @@ def test_a_producer_that_fails_is_ended_and_started_again(bench, monkeypatch, wh
 
     with monkeypatch.context() as patched:
         if number == signal.SIGSTOP:
-            patched.setattr(isolated, "_CALL_S", 0.3)
-            patched.setattr(isolated, "_FRAME_S", 0.3)
+            for limit in ("_CALL_S", "_FRAME_S", "_WAITING_EVERY_S"):
+                patched.setattr(isolated, limit, 0.05)
         with pytest.raises(CameraGoneError, match=f"c7 no longer answers: {said}"):
             fail()
     assert not is_alive(camera.pid)
@@ -158,7 +158,7 @@ def test_a_killed_host_leaves_no_process_and_no_open_camera(bench, forks, when):
 def test_a_library_that_holds_the_lock_for_ever_ends_the_process(forks):
     stuck = (
         "import ctypes; from rig.genicam.isolated_process import end_if_stuck; "
-        "end_if_stuck(0.5); ctypes.PyDLL(None).sleep(600)"
+        "end_if_stuck(0.1); ctypes.PyDLL(None).sleep(600)"
     )
     assert forks.run(stuck).returncode == 1
 
