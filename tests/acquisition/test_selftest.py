@@ -204,7 +204,7 @@ def test_a_view_that_cannot_be_judged_is_reported():
     assert "swapped LEDs cannot be found without their positions" in remarks[-1].text
 
 
-SMALL = {"width": 160, "height": 128, "leds": 12, "seed": 31}
+SMALL = {"width": 80, "height": 64, "leds": 12, "seed": 31}
 
 
 @functools.cache
