@@ -279,7 +279,7 @@ def test_a_stand_that_shakes_is_measured():
 def test_other_simulated_objects_do_not_fit():
     frames = {}
     for name in ("coin", "leather", "textile", "scales", "spheres"):
-        view = render(scene_named(name, width=224, height=160, leds=3))
+        view = render(scene_named(name, width=224, height=160, leds=4))
         with open_rig_seeing(view, realtime=False, camera="inside") as rig:
             frames[name] = [rig.shoot(1, 20_000.0).frame.pixels for _ in range(2)]
             white = float(rig.camera.info.white_dn)
