@@ -25,7 +25,7 @@ SLOW = ("host", "atmega328p", "atmega2560")
 # Some of each kind, which take little real time.
 IN_PROCESS = {
     "ID returns the identity of the board",
-    "STATUS reports time, LED and state",
+    "ON is answered when the LED is on, OFF when it is off",
     "OFF ends a flash, which is then not answered",
     "a line may arrive byte by byte",
     "a repeated RUN does not run again",

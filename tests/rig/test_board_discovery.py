@@ -13,7 +13,7 @@ from rig.board import ports as ports
 from rig.host import clock, lines
 from tests.rig.fake_port import IDENTITY, VirtualPorts, device, saying
 
-TIMEOUT_S = 0.75
+TIMEOUT_S = 0.5
 
 
 @contextlib.contextmanager
@@ -37,7 +37,7 @@ def neighbours(device):
         owner = Board(busy)
         stack.callback(owner.close)
         yield {
-            silent: "no answer within 0.75 s",
+            silent: "no answer within 0.5 s",
             chatters: "it sent b'$GPGGA'",
             echoes: "no answer",
             older: "speaks protocol 1",
@@ -143,7 +143,7 @@ def test_a_port_whose_driver_never_returns_does_not_delay_others(monkeypatch, be
     monkeypatch.setattr(ports, "Board", stuck)
     monkeypatch.setattr(ports, "_GRACE_S", 0.5)
     found = find_boards(["stuck", bench.virtual.port], timeout_s=TIMEOUT_S)
-    assert "takes longer than 1.25 s" in found[0].problem
+    assert "takes longer than 1 s" in found[0].problem
     assert found[1].identity is not None
 
 

@@ -164,7 +164,7 @@ def test_a_trigger_that_the_camera_does_not_see_times_out(make):
     camera = armed(bench)
     bench.fault("next", "missed")
     with pytest.raises(CameraError, match="frame 0 did not come"):
-        camera.fetch(camera.trigger(), 0.1)
+        camera.fetch(camera.trigger(), 0.02)
     shoot(bench, camera, 4)
 
 
@@ -178,7 +178,7 @@ def test_an_unplugged_camera_is_reported_and_opens_again(make, when):
         frame_id = camera.trigger()
         bench.device.unplug()
         with pytest.raises(CameraError, match=r"c7.*no longer answers.*check its cable"):
-            camera.fetch(frame_id, 0.2)
+            camera.fetch(frame_id, 0.05)
     else:
         bench.device.unplug()
         with pytest.raises(CameraError, match=r"c7.*no longer answers"):

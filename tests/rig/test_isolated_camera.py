@@ -118,7 +118,6 @@ def test_ctrl_c_does_not_reach_the_camera(bench):
     shoot(bench, camera, 2)
 
 
-@pytest.mark.usefixtures("real_start")
 def test_a_camera_that_does_not_open_leaves_no_process(bench, monkeypatch):
     started = []
 
@@ -126,8 +125,8 @@ def test_a_camera_that_does_not_open_leaves_no_process(bench, monkeypatch):
         started.append(popen(*words, **options))
         return started[-1]
 
-    popen = subprocess.Popen
-    monkeypatch.setattr(subprocess, "Popen", start)
+    popen = isolated.subprocess.Popen
+    monkeypatch.setattr(isolated.subprocess, "Popen", start)
     with pytest.raises(CameraError, match=r"no camera c9; found: c7"):
         bench.open(serial="c9")
     assert started[0].returncode == 0
