@@ -143,9 +143,7 @@ def test_a_composite_is_the_mean_and_is_clipped_where_any_frame_is() -> None:
 def test_a_live_frame_of_a_turned_camera_is_upright() -> None:
     view = render(scene_named("coin", width=64, height=48, leds=4))
     config = RigConfig(name="desk", driver="simulated", leds=4, mounting=Mounting(rotation_deg=90))
-    with open_rig_seeing(
-        view, config=config, realtime=False, camera="inside", noisy=False
-    ) as rig:
+    with open_rig_seeing(view, config=config, realtime=False, camera="inside", noisy=False) as rig:
         turned = LiveFrame.of(1, rig.shoot(2, 20_000.0), rig)
     with open_rig_seeing(view, realtime=False, camera="inside", noisy=False) as rig:
         straight = LiveFrame.of(1, rig.shoot(2, 20_000.0), rig)

@@ -54,10 +54,7 @@ def test_the_board_of_a_world(world, name):
 
 @pytest.mark.parametrize(
     "name",
-    [
-        pytest.param(name, marks=[] if name in IN_PROCESS else [pytest.mark.slow])
-        for name in CHECKS
-    ],
+    [pytest.param(name, marks=[] if name in IN_PROCESS else [pytest.mark.slow]) for name in CHECKS],
 )
 def test_board(board, name):
     # A busy computer may keep a board program from running while a check waits for it.
