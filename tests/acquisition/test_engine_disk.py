@@ -13,7 +13,7 @@ from acquisition import CapturePlan, StorageError, record, resume, verify_sessio
 from tests.acquisition.fake_bench import LABELS, Bench, rig_on
 from tests.quick_sample import quick
 
-SHORT = CapturePlan(repeat=False, leds=(3,), exposures_us=(200.0,), ambient=True)
+SHORT = CapturePlan(repeat=False, leds=(3, 0), exposures_us=(200.0,), ambient=True)
 
 
 class Refusing:

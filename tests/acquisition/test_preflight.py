@@ -50,7 +50,7 @@ class Usage(NamedTuple):
 
 @pytest.fixture(scope="module")
 def rendering() -> Rendering:
-    return render(scene_named("coin", width=128, height=96, leds=LEDS, seed=4))
+    return render(scene_named("coin", width=160, height=128, leds=LEDS, seed=4))
 
 
 def flown(rendering: Rendering, plan: CapturePlan, folder: Path, **rig: Any) -> Preflight:
