@@ -54,7 +54,7 @@ def test_a_signal_while_llvm_links_does_not_crash(name, forks):
 @pytest.fixture
 def taken(monkeypatch):
     """Handle SIGINT and SIGTERM with `end_program`, which looks at the program more often."""
-    monkeypatch.setattr(ending, "_AGAIN_EVERY_S", 0.01)
+    monkeypatch.setattr(ending, "_AGAIN_EVERY_S", 0.02)
     numbers = (signal.SIGINT, signal.SIGTERM)
     before = [signal.signal(number, end_program) for number in numbers]
     # hypothesis installs a callback in which an exception would be lost.
@@ -188,13 +188,13 @@ def test_a_program_inside_an_import_ends_in_any_case(taken, monkeypatch):
 
 def test_an_import_right_after_the_compiler_is_waited_for(taken, monkeypatch):
     """The wait for the compiler does not count: the import has just begun."""
-    monkeypatch.setattr(ending, "_BRIEF_PATIENCE_S", 0.2)
+    monkeypatch.setattr(ending, "_BRIEF_PATIENCE_S", 0.3)
     compiles = as_module(
         "numba.core",
-        "def compiles(number):\n    signal.raise_signal(number)\n    time.sleep(0.25)\n",
+        "def compiles(number):\n    signal.raise_signal(number)\n    time.sleep(0.4)\n",
     )["compiles"]
     # All in one import, so there is no moment in between in which the exception does no harm.
-    body = "def both(number):\n compiles(number)\n time.sleep(0.05)\n after.append('imported')\n"
+    body = "def both(number):\n compiles(number)\n time.sleep(0.1)\n after.append('imported')\n"
     space = as_module("importlib._bootstrap", body)
     space["compiles"] = compiles
 
