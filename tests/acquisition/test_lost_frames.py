@@ -100,7 +100,7 @@ def bench(board: VirtualBoard, monkeypatch: pytest.MonkeyPatch) -> Iterator[_Ben
     # A slow disk would end the sequence before the fault occurs.
     monkeypatch.setattr(_carry_out, "ROOM", 99)
     # Frames that do not come are waited for.
-    AwaitedTime(monkeypatch, 10)
+    AwaitedTime(monkeypatch, 2)
     board.set_faults()
     with ExitStack() as opened:
         yield _Bench(opened, board)

@@ -246,7 +246,7 @@ def test_board_and_camera_are_unplugged_and_come_back(
 ) -> None:
     monkeypatch.setattr(open_rig, "_AGAIN_AFTER_S", 0.1)
     # A camera that is gone is noticed when its frame does not come.
-    AwaitedTime(monkeypatch, 10)
+    AwaitedTime(monkeypatch, 2)
     plan = PLAN.changed(sequence=trigger == "board")
     with ExitStack() as stack:
         bench = _Bench(stack, tmp_path, trigger=trigger, isolate=isolate)
