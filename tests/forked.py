@@ -51,6 +51,10 @@ for number, fd in enumerate(fds):
     os.close(fd)
 sys.argv = ["-c", *words["arguments"]]
 exec(compile(words["program"], "<string>", "exec"), globals())
+if words["session"]:
+    # A board or camera that has done its work: what is left to end is the interpreter.
+    sys.stdout.flush()
+    os._exit(0)
 """
 
 

@@ -150,7 +150,7 @@ def test_light_is_judged_by_the_error_line(tmp_path: Path, monkeypatch: pytest.M
         "import sys, time\n"
         f"print({f'{capture_faults.BENCH}{state}'!r}, file=sys.stderr)\n"
         "print('the disk is slower than the camera', file=sys.stderr, flush=True)\n"
-        "time.sleep(0.3)\n"
+        "time.sleep(0.1)\n"
         f"open({str(state)!r}, 'w').write(str(time.monotonic_ns()))\n"
         "print('error: the camera is gone', file=sys.stderr)\n"
         "sys.exit(3)\n",

@@ -36,6 +36,7 @@ SEQUENCE = CapturePlan(
 )
 
 
+@pytest.mark.usefixtures("simulated_world")
 def test_a_sequence_is_recorded(tmp_path: Path) -> None:
     with _sequenced_rig() as rig:
         session = record(rig, SEQUENCE, tmp_path / "s", LABELS)

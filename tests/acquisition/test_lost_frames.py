@@ -33,12 +33,11 @@ from simulator.led_board import BoardFault, VirtualBoard
 from tests.acquisition.fake_bench import LABELS
 from tests.cases import cases
 from tests.quick_sample import quick
+from tests.rig.camera_benches import AwaitedTime
 from tests.simulator.camera_options import grouped
 
 LEDS = 8
 SIZE = (4, 6)
-# A frame may take longer on a busy computer, and is then one more that is lost.
-BRIEF_S = 0.2
 # A dark frame, then the lights, in one sequence.
 PLAN = CapturePlan(repeat=False, leds=tuple(range(LEDS)), exposures_us=(1000.0,), sequence=True)
 
@@ -63,7 +62,7 @@ class _Bench:
         self.board = board
         self.state = opened.enter_context(BenchState(self.board.bench_state_path))
 
-    def rig(self, trigger: str = "board", timeout_s: float = 0.5, **options: Any) -> Rig:
+    def rig(self, trigger: str = "board", **options: Any) -> Rig:
         try:
             self.camera = self._opened.enter_context(
                 GentlCamera(
@@ -83,7 +82,7 @@ class _Bench:
             pytest.skip(str(error))
         config = RigConfig.model_validate(
             {"name": "lossy", "driver": "bench", "leds": LEDS, "trigger": trigger}
-            | {"settle_ms": 0.5, "frame_timeout_s": timeout_s, "frame_period_ms": 10}
+            | {"settle_ms": 0.5, "frame_timeout_s": 0.5, "frame_period_ms": 10}
         )
         rig = Rig(Board(self.board.port), open_genicam(self.camera.cti), config)
         self._opened.callback(rig.close)
@@ -100,6 +99,8 @@ def board() -> Iterator[VirtualBoard]:
 def bench(board: VirtualBoard, monkeypatch: pytest.MonkeyPatch) -> Iterator[_Bench]:
     # A slow disk would end the sequence before the fault occurs.
     monkeypatch.setattr(_carry_out, "ROOM", 99)
+    # Frames that do not come are waited for.
+    AwaitedTime(monkeypatch, 2)
     board.set_faults()
     with ExitStack() as opened:
         yield _Bench(opened, board)
@@ -138,7 +139,7 @@ _LOSSES: list[Any] = [
 def test_a_sequence_is_recorded_completely_despite_lost_frames(
     bench: _Bench, tmp_path: Path, kind: Any, at: tuple[int, ...], most_buffers: int
 ) -> None:
-    rig = bench.rig(timeout_s=BRIEF_S, most_buffers=most_buffers)
+    rig = bench.rig(most_buffers=most_buffers)
     for frame in at:
         bench.camera.set_fault(frame, kind)
     session = record(rig, PLAN, tmp_path / "s", LABELS)
@@ -217,7 +218,7 @@ def test_a_shot_is_not_taken_again_for_ever(
 
 @pytest.mark.parametrize("sequence", [True, False])
 def test_a_missing_wire_is_reported_at_once(bench: _Bench, tmp_path: Path, sequence: bool) -> None:
-    rig = bench.rig(timeout_s=BRIEF_S)
+    rig = bench.rig()
     bench.board.set_faults(BoardFault(kind="lose-trigger", times=10_000))
     with pytest.raises(RigError, match="check the wire"):
         record(rig, PLAN.changed(sequence=sequence), tmp_path / "s", LABELS)
@@ -240,7 +241,7 @@ def test_a_missing_wire_is_reported_at_once(bench: _Bench, tmp_path: Path, seque
 def test_no_led_loses_its_frame_if_triggers_do_not_match_frames(
     bench: _Bench, tmp_path: Path, faults: list[BoardFault]
 ) -> None:
-    rig = bench.rig(timeout_s=BRIEF_S)
+    rig = bench.rig()
     bench.board.set_faults(*faults)
     session = record(rig, PLAN, tmp_path / "s", LABELS)
     _check(session)

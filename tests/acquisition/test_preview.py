@@ -139,14 +139,14 @@ def test_a_composite_is_the_mean_and_is_clipped_where_any_frame_is() -> None:
     assert np.array_equal(frame.clipped, first.clipped | second.clipped)
 
 
+@pytest.mark.usefixtures("simulated_world")
 def test_a_live_frame_of_a_turned_camera_is_upright() -> None:
     view = render(scene_named("coin", width=64, height=48, leds=4))
     config = RigConfig(name="desk", driver="simulated", leds=4, mounting=Mounting(rotation_deg=90))
-    rig = open_rig_seeing(view, config=config, realtime=False, camera="inside", noisy=False)
-    upright = open_rig_seeing(view, realtime=False, camera="inside", noisy=False)
-    with rig, upright:
+    with open_rig_seeing(view, config=config, realtime=False, camera="inside", noisy=False) as rig:
         turned = LiveFrame.of(1, rig.shoot(2, 20_000.0), rig)
-        straight = LiveFrame.of(1, upright.shoot(2, 20_000.0), upright)
+    with open_rig_seeing(view, realtime=False, camera="inside", noisy=False) as rig:
+        straight = LiveFrame.of(1, rig.shoot(2, 20_000.0), rig)
     assert turned.leds == (2,)
     assert turned.size == straight.size == (48, 64)
     assert np.array_equal(turned.pixels, straight.pixels)

@@ -21,11 +21,13 @@ from acquisition.session.journal import CAMERA_SETTINGS
 from rig import BoardGoneError, CameraGoneError, DeviceGoneError, Rig, open_bench, read_rig_config
 from rig.genicam import IsolatedCamera
 from rig.host import clock, threads
+from rig.rigs import rig as open_rig
 from simulator.camera import GentlCamera
 from simulator.gentl import CompilerError
 from simulator.led_board import BoardFault, VirtualBoard
 from simulator.world import Schedule, World
 from tests.acquisition.fake_bench import LABELS
+from tests.rig.camera_benches import AwaitedTime
 from tests.simulator.camera_options import grouped
 
 LEDS = 6
@@ -218,7 +220,7 @@ class _Bench:
     def replug(self, name: str, details: Any) -> None:
         """Plug the camera in again a moment after the recording has noticed its loss."""
         if name == "device_lost" and details["device"] == "camera":
-            threading.Timer(0.3, self.camera.replug).start()
+            threading.Timer(0.1, self.camera.replug).start()
 
 
 def _check(session: Session, plan: CapturePlan) -> None:
@@ -240,15 +242,18 @@ _REAL = [
 
 @pytest.mark.parametrize(("trigger", "isolate"), _REAL)
 def test_board_and_camera_are_unplugged_and_come_back(
-    tmp_path: Path, trigger: str, isolate: bool
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, trigger: str, isolate: bool
 ) -> None:
+    monkeypatch.setattr(open_rig, "_AGAIN_AFTER_S", 0.1)
+    # A camera that is gone is noticed when its frame does not come.
+    AwaitedTime(monkeypatch, 2)
     plan = PLAN.changed(sequence=trigger == "board")
     with ExitStack() as stack:
         bench = _Bench(stack, tmp_path, trigger=trigger, isolate=isolate)
         # Exposures are counted since the camera was made, retakes included.
         bench.camera.set_fault(4, "unplug")
         verb = "DID" if trigger == "board" else "OFF"
-        bench.board.set_faults(BoardFault(kind="hang-up", verb=verb, skip=2, value=300))
+        bench.board.set_faults(BoardFault(kind="hang-up", verb=verb, skip=2, value=100))
         hooks = RecordingHooks(on_event=bench.replug)
         session = record(bench.rig, plan, tmp_path / "s", LABELS, hooks=hooks)
         _check(session, plan)

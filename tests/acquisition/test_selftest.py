@@ -31,7 +31,7 @@ SCENES = ["white-plane", "coin", "sphere", "textile", "tilted-plane", "spheres",
 NOISE = 0.003
 # Rendered samples per side of a coarse pixel.
 SIDE = 4
-ROWS, COLUMNS = 16, 20
+ROWS, COLUMNS = 12, 15
 IN_WORLD = pytest.mark.usefixtures("simulated_world")
 
 
@@ -42,7 +42,8 @@ def scene(name, leds, seed):
     rendering = render(scene_named(name, **size, leds=leds, seed=seed))
     planes = rendering.planes.reshape(leds, ROWS, SIDE, COLUMNS, SIDE).mean(axis=(2, 4))
     y, x = np.mgrid[:ROWS, :COLUMNS].astype(float)
-    places = np.stack([(x - 9.5) / 20, (7.5 - y) / 20], axis=-1).reshape(-1, 2)
+    center_y, center_x = (ROWS - 1) / 2, (COLUMNS - 1) / 2
+    places = np.stack([x - center_x, center_y - y], axis=-1).reshape(-1, 2) / COLUMNS
     return planes.reshape(leds, -1) * 1000, rendering.truth.lights.positions_mm, places
 
 
@@ -180,7 +181,7 @@ def test_bright_room_light_is_a_number_of_times():
 
 
 def test_a_rig_whose_leds_are_all_dead():
-    _, positions, places = scene("coin", 12, 12)
+    _, positions, places = scene("coin", 12, 11)
     light = np.zeros((12, len(places)))
     draw = np.random.default_rng(0)
     twice = light + draw.normal(0, 1.0, (2, *light.shape))
@@ -204,7 +205,7 @@ def test_a_view_that_cannot_be_judged_is_reported():
     assert "swapped LEDs cannot be found without their positions" in remarks[-1].text
 
 
-SMALL = {"width": 160, "height": 128, "leds": 12, "seed": 31}
+SMALL = {"width": 80, "height": 64, "leds": 12, "seed": 31}
 
 
 @functools.cache

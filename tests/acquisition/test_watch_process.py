@@ -51,7 +51,7 @@ def test_a_process_that_ends_and_a_pause_lose_nothing(
     process = forks.start(PROGRAM, folder, out, 6)
     for number in (4, 3, 5):
         shoot(folder, number)
-        time.sleep(0.3)
+        time.sleep(0.1)
     assert process.wait(60) == 0
     process.end()
     assert lights(out) == {number: number for number in range(6)}

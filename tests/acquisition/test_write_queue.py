@@ -187,7 +187,7 @@ def test_jobs_before_a_failure_finish(failing: int) -> None:
             raise StorageError("disk full")
         assert failed.wait(60)
         # The later jobs ask for their turn first; the failure must be recorded by then.
-        time.sleep(0.1 if number else 0.3)
+        time.sleep(0.03 if number else 0.1)
         turn()
         written.append(number)
         return number

@@ -1,10 +1,14 @@
 """Benches for comparing cameras, on which tests turn LEDs on and pulse the trigger line."""
 
+import queue
+
 import numpy as np
 import pytest
 
+import rig.genicam.camera
+import rig.genicam.isolated
 from acquisition import NoiseModel
-from rig.genicam import open_genicam, open_isolated
+from rig.genicam import IsolatedCamera, open_genicam, open_isolated
 from rig.host import clock
 from simulator.bench import BenchState, BenchWriter
 from simulator.camera import GentlCamera, ImageFormation, VirtualCamera
@@ -117,3 +121,45 @@ class IsolatedBench(GenICamBench):
 
     def _open(self, **options):
         return open_isolated(self.device.cti, **options)
+
+
+class AwaitedTime:
+    """A module ``time`` and replies of a process, where only what a caller waits for takes time.
+
+    So the computer may be busy. A caller who waits for a second really waits for a part of it.
+
+    Parameters
+    ----------
+    monkeypatch
+        Makes it the time of GenICam cameras.
+    speed
+        Seconds that pass in a second of real time.
+    """
+
+    def __init__(self, monkeypatch, speed):
+        self._speed = speed
+        self._monkeypatch = monkeypatch
+        self.now_s = 0.0
+        for module in (rig.genicam.camera, rig.genicam.isolated):
+            monkeypatch.setattr(module, "time", self)
+
+    def of(self, camera):
+        """Apply it to the replies of a camera in another process too."""
+        if isinstance(camera, IsolatedCamera):
+            self._replies, self.put = camera._replies, camera._replies.put
+            self._monkeypatch.setattr(camera, "_replies", self)
+        return self
+
+    def monotonic(self):
+        return self.now_s
+
+    def sleep(self, seconds):
+        clock.sleep(seconds / self._speed)
+        self.now_s += seconds
+
+    def get(self, timeout):
+        try:
+            return self._replies.get(timeout=timeout / self._speed)
+        except queue.Empty:
+            self.now_s += timeout
+            raise

@@ -1,4 +1,4 @@
-"""Ptys with other devices than a board behind them."""
+"""Ports with other devices than a board behind them: ptys, and ports in virtual time."""
 
 from __future__ import annotations
 
@@ -8,7 +8,11 @@ import threading
 import tty
 from collections.abc import Callable, Iterator
 
+import pytest
+from serial import SerialException
+
 from rig.board import LineError, Reply, decode_command, encode_reply
+from rig.host import clock, lines
 
 
 @contextlib.contextmanager
@@ -49,6 +53,67 @@ def device(answer: Callable[[bytes], bytes], *, chatter: bytes = b"") -> Iterato
             threads[0].join(0.01)
         os.close(slave)
         os.close(master)
+
+
+class VirtualPorts:
+    """Ports in virtual time, which only those who use them wait for.
+
+    Parameters
+    ----------
+    patch
+        Makes them the ports that `rig.host.lines` opens, in the world of the fixture ``world``.
+    """
+
+    def __init__(self, patch: pytest.MonkeyPatch) -> None:
+        self._devices: dict[str, tuple[Callable[[bytes], bytes], bytes]] = {}
+        self.in_use: set[str] = set()
+        patch.setattr(lines, "open_line", self._open)
+
+    @contextlib.contextmanager
+    def device(self, answer: Callable[[bytes], bytes], *, chatter: bytes = b"") -> Iterator[str]:
+        """Open a port; as the function `device`."""
+        port = f"virtual-{len(self._devices)}"
+        self._devices[port] = answer, chatter
+        yield port
+
+    def _open(self, port: str, *_: object, timeout: float, **__: object) -> _VirtualLine:
+        if port not in self._devices:
+            raise SerialException(f"no port {port}")
+        if port in self.in_use:
+            raise SerialException(f"{port} is in use")
+        self.in_use.add(port)
+        return _VirtualLine(*self._devices[port], timeout, lambda: self.in_use.remove(port))
+
+
+class _VirtualLine:
+    """A line to a device; as `serial.Serial`."""
+
+    def __init__(
+        self,
+        answer: Callable[[bytes], bytes],
+        chatter: bytes,
+        timeout: float,
+        close: Callable[[], None],
+    ) -> None:
+        self._answer, self._chatter, self.timeout, self.close = answer, chatter, timeout, close
+        self._sent = self._arrived = b""
+
+    @property
+    def in_waiting(self) -> int:
+        return len(self._arrived)
+
+    def read(self, size: int) -> bytes:
+        clock.sleep(min(self.timeout, 0.002) if self._arrived or self._chatter else self.timeout)
+        self._arrived += self._chatter
+        data, self._arrived = self._arrived[:size], self._arrived[size:]
+        return data
+
+    def write(self, data: bytes) -> None:
+        *lines, self._sent = (self._sent + data).split(b"\n")
+        self._arrived += b"".join(self._answer(line) for line in lines if line)
+
+    def reset_input_buffer(self) -> None:
+        self._arrived = b""
 
 
 def saying(*words: str, **others: tuple[str, ...]) -> Callable[[bytes], bytes]:

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from tests.quick_sample import quick
 from tests.rig.conformance import CHECKS, BoardUnderTest, check, run_checks
 from tests.rig.conformance.world import WorldUnderTest
 from tests.rig.firmware import builds
@@ -23,6 +22,16 @@ BOARDS: dict[str, tuple[Callable[[Path], list[str]], int]] = {
 }
 # test_board_differential has the firmware in the quick tests.
 SLOW = ("host", "atmega328p", "atmega2560")
+# Some of each kind, which take little real time.
+IN_PROCESS = {
+    "ID returns the identity of the board",
+    "ON is answered when the LED is on, OFF when it is off",
+    "OFF ends a flash, which is then not answered",
+    "a line may arrive byte by byte",
+    "a repeated RUN does not run again",
+    "an exposure-active input that stays high has no edge",
+}
+assert set(CHECKS) >= IN_PROCESS
 
 
 @pytest.fixture(
@@ -43,7 +52,10 @@ def test_the_board_of_a_world(world, name):
     check(WorldUnderTest(world), name)
 
 
-@pytest.mark.parametrize("name", quick(CHECKS, every=13))
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[] if name in IN_PROCESS else [pytest.mark.slow]) for name in CHECKS],
+)
 def test_board(board, name):
     # A busy computer may keep a board program from running while a check waits for it.
     assert run_checks(board, [name], attempts=3) == []

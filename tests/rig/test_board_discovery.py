@@ -11,13 +11,13 @@ from rig import Board, BoardError
 from rig.board import find_board, find_boards
 from rig.board import ports as ports
 from rig.host import clock, lines
-from tests.rig.fake_port import IDENTITY, device, saying
+from tests.rig.fake_port import IDENTITY, VirtualPorts, device, saying
 
-TIMEOUT_S = 0.75
+TIMEOUT_S = 0.5
 
 
 @contextlib.contextmanager
-def neighbours():
+def neighbours(device):
     """Open ports of every kind without a board; yield the expected complaint of each.
 
     Other devices receive only an empty line and ID.
@@ -37,7 +37,7 @@ def neighbours():
         owner = Board(busy)
         stack.callback(owner.close)
         yield {
-            silent: "no answer within 0.75 s",
+            silent: "no answer within 0.5 s",
             chatters: "it sent b'$GPGGA'",
             echoes: "no answer",
             older: "speaks protocol 1",
@@ -49,7 +49,7 @@ def neighbours():
 
 
 def test_the_board_is_found_among_others(real_bench):
-    with neighbours() as others:
+    with neighbours(device) as others:
         found = find_boards([*others, real_bench.virtual.port], timeout_s=TIMEOUT_S)
         assert [port.port for port in found] == [*others, real_bench.virtual.port]
         for port, said in zip(found, others.values(), strict=False):
@@ -87,8 +87,9 @@ def test_all_ports_are_queried_at_the_same_time():
     assert all("speaks protocol 1" in port.problem for port in found)
 
 
-def test_without_a_board_the_message_lists_every_port():
-    with neighbours() as others:
+@pytest.mark.usefixtures("world")
+def test_without_a_board_the_message_lists_every_port(monkeypatch):
+    with neighbours(VirtualPorts(monkeypatch).device) as others:
         with pytest.raises(BoardError, match="no LED board found") as error:
             find_board(others, timeout_s=TIMEOUT_S)
         for port, said in others.items():
@@ -142,7 +143,7 @@ def test_a_port_whose_driver_never_returns_does_not_delay_others(monkeypatch, be
     monkeypatch.setattr(ports, "Board", stuck)
     monkeypatch.setattr(ports, "_GRACE_S", 0.5)
     found = find_boards(["stuck", bench.virtual.port], timeout_s=TIMEOUT_S)
-    assert "takes longer than 1.25 s" in found[0].problem
+    assert "takes longer than 1 s" in found[0].problem
     assert found[1].identity is not None
 
 

@@ -82,13 +82,13 @@ def test_a_busy_port(real_bench, real_board):
 
 def test_unplugged(own_bench):
     board = Board(own_bench.virtual.port)
-    board.on(7, 200)
+    board.on(7, 100)
     own_bench.virtual.unplug()
     for verb, act in VERBS.items():
         with pytest.raises(BoardError) as error:
             act(board)
         one_line(error, board.port, verb, "unplugged")
-    clock.sleep(0.2)
+    clock.sleep(0.1)
     assert led_on(own_bench) is None
     board.close()
 

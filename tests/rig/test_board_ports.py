@@ -11,7 +11,8 @@ import pytest
 
 from rig import Board, BoardError
 from rig.board import Step
-from tests.rig.fake_port import IDENTITY, device, saying
+from rig.board import line as board_line
+from tests.rig.fake_port import IDENTITY, VirtualPorts, device, saying
 
 TIMEOUT_S = 0.25
 
@@ -33,8 +34,9 @@ TIMEOUT_S = 0.25
         pytest.param(saying(*IDENTITY, STATUS=("5", "-", "0")), "is invalid", id="STATUS of 1"),
     ],
 )
-def test_other_devices_are_refused(answer, said):
-    with device(answer) as port:
+@pytest.mark.usefixtures("world")
+def test_other_devices_are_refused(answer, said, monkeypatch):
+    with VirtualPorts(monkeypatch).device(answer) as port:
         with pytest.raises(BoardError) as error:
             Board(port, handshake_timeout_s=TIMEOUT_S)
         assert port in str(error.value)
@@ -99,8 +101,10 @@ def test_a_board_without_a_thermometer():
         board.close()
 
 
-def test_a_device_that_sends_noise_does_not_delay_the_host():
-    with device(lambda line: b"", chatter=b"73.2,18.1\r\n") as port:
+@pytest.mark.usefixtures("world")
+def test_a_device_that_sends_noise_does_not_delay_the_host(monkeypatch):
+    ports = VirtualPorts(monkeypatch)
+    with ports.device(lambda line: b"", chatter=b"73.2,18.1\r\n") as port:
         with pytest.raises(BoardError) as error:
             Board(port, handshake_timeout_s=0.5)
         assert "no answer within 0.5 s, but it sent b'73.2,18.1'" in str(error.value)
@@ -125,7 +129,8 @@ def fill(fd: int) -> None:
         time.sleep(0.1)
 
 
-def test_a_device_that_does_not_read_is_reported():
+def test_a_device_that_does_not_read_is_reported(monkeypatch):
+    monkeypatch.setattr(board_line, "_WRITE_TIMEOUT_S", 0.1)
     master, slave = os.openpty()
     tty.setraw(slave)
     os.set_blocking(slave, False)

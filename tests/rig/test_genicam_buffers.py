@@ -133,7 +133,7 @@ def test_a_thread_keeps_no_more_frames_than_memory_allows(make):
     assert bench.device.counts().dropped == 20 - 8
     assert fetched(camera, ids[:8]) == list(range(8))
     with pytest.raises(FrameLostError, match="12 frames found none of the 3 buffers free") as lost:
-        camera.fetch(ids[8], 0.1)
+        camera.fetch(ids[8], 0.02)
     assert lost.value.host_is_slow
     assert lost.value.counts == {"started": 8, "delivered": 8, "underrun": 12, "buffers": 3}
     assert not collecting()
@@ -157,7 +157,7 @@ def test_frames_without_a_buffer_indicate_a_slow_computer(make, at, most_buffers
         )
     assert fetched(camera, ids[:at]) == list(range(at))
     with pytest.raises(FrameLostError, match=r"1 frame found none of .* too busy") as lost:
-        camera.fetch(ids[at], 0.1)
+        camera.fetch(ids[at], 0.02)
     assert f"frame {at} " in str(lost.value)
     assert "cable" not in str(lost.value)
     assert lost.value.counts["underrun"] == 1
@@ -189,7 +189,7 @@ def test_other_losses_do_not_indicate_a_slow_computer(make, kind, said, most_buf
         assert fetched(camera, ids[1:2]) == [3]
         ids = ids[1:]
     with pytest.raises(FrameLostError, match=said) as lost:
-        camera.fetch(ids[1], 0.1)
+        camera.fetch(ids[1], 0.02)
     assert not lost.value.host_is_slow
     assert lost.value.counts["underrun"] == 0
     assert "busy" not in str(lost.value)
@@ -255,7 +255,7 @@ def test_a_producer_that_counts_nothing_leaves_both_causes_open(make, monkeypatc
     with pytest.raises(
         FrameLostError, match=r"check cable .* a busy computer may also be the cause"
     ):
-        camera.fetch(ids[0], 0.2)
+        camera.fetch(ids[0], 0.02)
 
 
 def test_closing_during_a_run_ends_the_thread(make):
@@ -273,7 +273,7 @@ def test_the_next_fetch_reports_a_camera_that_is_gone(make):
     ids = [camera.expect() for _ in range(10)]
     bench.device.unplug()
     with pytest.raises(CameraError, match="no longer answers"):
-        camera.fetch(ids[0], 0.2)
+        camera.fetch(ids[0], 0.02)
     assert not collecting()
     camera.close()
 

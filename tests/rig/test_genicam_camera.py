@@ -164,7 +164,7 @@ def test_a_trigger_that_the_camera_does_not_see_times_out(make):
     camera = armed(bench)
     bench.fault("next", "missed")
     with pytest.raises(CameraError, match="frame 0 did not come"):
-        camera.fetch(camera.trigger(), 0.1)
+        camera.fetch(camera.trigger(), 0.02)
     shoot(bench, camera, 4)
 
 
@@ -178,7 +178,7 @@ def test_an_unplugged_camera_is_reported_and_opens_again(make, when):
         frame_id = camera.trigger()
         bench.device.unplug()
         with pytest.raises(CameraError, match=r"c7.*no longer answers.*check its cable"):
-            camera.fetch(frame_id, 0.2)
+            camera.fetch(frame_id, 0.05)
     else:
         bench.device.unplug()
         with pytest.raises(CameraError, match=r"c7.*no longer answers"):
@@ -360,7 +360,7 @@ camera.close()
 def test_ctrl_c_ends_the_wait_and_the_camera_stays_usable(make, forks):
     process = forks.start(WAITING, make().device.cti)
     assert process.stdout.readline() == "waiting\n"
-    time.sleep(0.3)
+    time.sleep(0.1)
     process.send_signal(signal.SIGINT)
     assert process.stdout.readline() == "frame 1\n"
     assert process.wait() == 0

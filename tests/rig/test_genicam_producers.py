@@ -31,7 +31,7 @@ def tlsimu(tmp_path_factory):
     return next(folder.rglob("TLSimu.cti"))
 
 
-def grab(cti, serial, needs, count=4):
+def grab(cti, serial, needs, count=2):
     camera = open_genicam(cti, serial=serial, pixel_format="Mono8", needs=needs)
     try:
         camera.arm()
@@ -49,7 +49,7 @@ def test_viky_is_enumerated():
 def test_viky_is_grabbed_from(serial):
     info, frames = grab(VIKY, serial, needs=())
     assert (info.width, info.height, info.pixel_format) == (400, 400, "Mono8")
-    assert [frame.frame_id for frame in frames] == [0, 1, 2, 3]
+    assert [frame.frame_id for frame in frames] == [0, 1]
     for frame in frames:
         assert frame.pixels.shape == (400, 400)
         # A ball on a white ground.
@@ -57,7 +57,7 @@ def test_viky_is_grabbed_from(serial):
         assert frame.pixels.max() == 255
 
 
-def grab_ahead(cti, serial, needs, most_bytes, apart_s=0.0):
+def grab_ahead(cti, serial, needs, most_bytes, pairs, apart_s=0.0):
     """Take several frames at once; return them and the number of buffers."""
     camera = open_genicam(
         cti, serial=serial, pixel_format="Mono8", needs=needs, most_bytes=most_bytes
@@ -65,7 +65,7 @@ def grab_ahead(cti, serial, needs, most_bytes, apart_s=0.0):
     try:
         camera.arm("software", 37)
         frames = []
-        for _ in range(4):
+        for _ in range(pairs):
             ids = [camera.trigger()]
             time.sleep(apart_s)
             ids.append(camera.trigger())
@@ -83,16 +83,16 @@ ROOMS = [
 
 @pytest.mark.parametrize(("most_bytes", "buffers"), ROOMS)
 def test_viky_gets_room_for_a_sequence(most_bytes, buffers):
-    frames, announced = grab_ahead(VIKY, "0", (), most_bytes)
+    frames, announced = grab_ahead(VIKY, "0", (), most_bytes, 2)
     assert announced == buffers
-    assert [frame.frame_id for frame in frames] == list(range(8))
+    assert [frame.frame_id for frame in frames] == list(range(4))
     assert all(frame.pixels.max() == 255 for frame in frames)
 
 
 @pytest.mark.parametrize(("most_bytes", "buffers"), ROOMS)
 def test_tlsimu_gets_room_for_a_sequence(tlsimu, most_bytes, buffers):
     # It ignores triggers while it exposes.
-    frames, announced = grab_ahead(tlsimu, "SN_InterfaceA_0", ("trigger",), most_bytes, 0.3)
+    frames, announced = grab_ahead(tlsimu, "SN_InterfaceA_0", ("trigger",), most_bytes, 4, 0.3)
     assert announced == buffers
     assert [frame.frame_id for frame in frames] == list(range(8))
     # Its clock restarts every second.
@@ -141,7 +141,7 @@ def test_tlsimu_is_enumerated(tlsimu):
 @pytest.mark.parametrize("serial", ["SN_InterfaceA_0", "SN_InterfaceB_0"])
 @pytest.mark.parametrize("needs", [(), ("trigger",)], ids=["free", "triggered"])
 def test_tlsimu_is_grabbed_from(tlsimu, serial, needs):
-    info, frames = grab(tlsimu, serial, needs)
+    info, frames = grab(tlsimu, serial, needs, 4)
     assert (info.model, info.width, info.height) == ("TLSimuMono", 512, 512)
     assert [frame.frame_id for frame in frames] == [0, 1, 2, 3]
     # Its clock restarts every second.

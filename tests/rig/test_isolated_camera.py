@@ -81,8 +81,8 @@ def test_a_producer_that_fails_is_ended_and_started_again(bench, monkeypatch, wh
 
     with monkeypatch.context() as patched:
         if number == signal.SIGSTOP:
-            patched.setattr(isolated, "_CALL_S", 0.3)
-            patched.setattr(isolated, "_FRAME_S", 0.3)
+            for limit in ("_CALL_S", "_FRAME_S", "_WAITING_EVERY_S"):
+                patched.setattr(isolated, limit, 0.05)
         with pytest.raises(CameraGoneError, match=f"c7 no longer answers: {said}"):
             fail()
     assert not is_alive(camera.pid)
@@ -118,7 +118,6 @@ def test_ctrl_c_does_not_reach_the_camera(bench):
     shoot(bench, camera, 2)
 
 
-@pytest.mark.usefixtures("real_start")
 def test_a_camera_that_does_not_open_leaves_no_process(bench, monkeypatch):
     started = []
 
@@ -126,8 +125,8 @@ def test_a_camera_that_does_not_open_leaves_no_process(bench, monkeypatch):
         started.append(popen(*words, **options))
         return started[-1]
 
-    popen = subprocess.Popen
-    monkeypatch.setattr(subprocess, "Popen", start)
+    popen = isolated.subprocess.Popen
+    monkeypatch.setattr(isolated.subprocess, "Popen", start)
     with pytest.raises(CameraError, match=r"no camera c9; found: c7"):
         bench.open(serial="c9")
     assert started[0].returncode == 0
@@ -158,7 +157,7 @@ def test_a_killed_host_leaves_no_process_and_no_open_camera(bench, forks, when):
 def test_a_library_that_holds_the_lock_for_ever_ends_the_process(forks):
     stuck = (
         "import ctypes; from rig.genicam.isolated_process import end_if_stuck; "
-        "end_if_stuck(0.5); ctypes.PyDLL(None).sleep(600)"
+        "end_if_stuck(0.1); ctypes.PyDLL(None).sleep(600)"
     )
     assert forks.run(stuck).returncode == 1
 

@@ -133,7 +133,7 @@ def test_a_stuck_thread_keeps_the_program_alive_but_not_the_led_on(start, own_be
     host = start("stuck_writer()\n" + SHOOT, own_bench)
     host.send_signal(signal.SIGTERM)
     assert went_dark(own_bench)
-    time.sleep(0.3)
+    time.sleep(0.1)
     # Python waits for the writer thread, so turning the LED off must not depend on that.
     assert host.poll() is None
     host.kill()
@@ -143,7 +143,7 @@ def test_a_stuck_thread_keeps_the_program_alive_but_not_the_led_on(start, own_be
 def test_an_ignored_signal_remains_ignored(start, own_bench):
     host = start("signal.signal(signal.SIGHUP, signal.SIG_IGN)\n" + SHOOT, own_bench)
     host.send_signal(signal.SIGHUP)
-    time.sleep(0.3)
+    time.sleep(0.1)
     assert own_bench.state.led(time.monotonic_ns()) == 5
     host.send_signal(signal.SIGTERM)
     assert end(host)[0] == 143

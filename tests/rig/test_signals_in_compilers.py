@@ -180,7 +180,7 @@ def test_a_lost_exception_is_raised_again(taken):
 
 
 def test_a_program_inside_an_import_ends_in_any_case(taken, monkeypatch):
-    monkeypatch.setattr(ending, "_BRIEF_PATIENCE_S", 0.3)
+    monkeypatch.setattr(ending, "_BRIEF_PATIENCE_S", 0.1)
     body = "def imports(number):\n    signal.raise_signal(number)\n    time.sleep(20)\n"
     with pytest.raises(KeyboardInterrupt):
         as_module("importlib._bootstrap", body)["imports"](signal.SIGINT)
