@@ -88,8 +88,7 @@ class Basins(NamedTuple):
         target, known
             ``(H+2, W+2)`` known heights, and where they are.
         """
-        sizes = np.zeros(self.labels.max() + 1, np.int64)
-        sizes[self.labels[known]] = CRUMB
+        sizes = CRUMB * np.bincount(self.labels[known], minlength=self.labels.max() + 1)
         order = np.argsort(-self.width, kind="stable")
         roots = joined(self.a[order], self.b[order], sizes)
         off, own = (target - u)[known], roots[self.labels[known]]
