@@ -138,8 +138,12 @@ camera = open_isolated(sys.argv[1])
 camera.configure(exposure_us=5_000_000)
 camera.arm()
 frame = camera.trigger()
-print(camera.pid, flush=True)
-camera.fetch(frame, 60) if sys.argv[2] == "waiting" else time.sleep(60)
+def ready():
+    print(camera.pid, flush=True)
+if sys.argv[2] == "waiting":
+    camera.fetch(frame, 60, ready)
+ready()
+time.sleep(60)
 """
 
 
