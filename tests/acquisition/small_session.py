@@ -31,7 +31,8 @@ def manifest(
 
 
 def write(folder: Path, *, plan: CapturePlan | None = PLAN, complete: bool = True) -> Path:
-    shots = PLAN.shots() if complete else PLAN.shots()[:2]
+    shots = (plan or PLAN).shots()
+    shots = shots if complete else shots[:2]
     with SessionWriter.create(folder, manifest(plan=plan)) as writer:
         for index, shot in enumerate(shots):
             writer.write_frame(shot, picture(index))

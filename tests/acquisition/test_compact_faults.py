@@ -20,6 +20,8 @@ from tests.acquisition.dying import dying
 from tests.acquisition.small_session import PLAN, names, picture, whole, write
 from tests.forked import ForkServer
 
+# A dark frame and a light.
+SHORT = PLAN.changed(leds=(0,))
 CALLS = ("write", "fsync", "replace", "unlink")
 _FULL = OSError(errno.ENOSPC, "No space left on device")
 
@@ -27,10 +29,10 @@ _FULL = OSError(errno.ENOSPC, "No space left on device")
 @pytest.mark.parametrize(
     ("plan", "error"),
     [
-        pytest.param(PLAN, _FULL, id="planned-full"),
+        pytest.param(SHORT, _FULL, id="planned-full"),
         pytest.param(None, KeyboardInterrupt(), id="free-ctrl-c", marks=pytest.mark.slow),
         pytest.param(None, _FULL, id="free-full", marks=pytest.mark.slow),
-        pytest.param(PLAN, KeyboardInterrupt(), id="planned-ctrl-c", marks=pytest.mark.slow),
+        pytest.param(SHORT, KeyboardInterrupt(), id="planned-ctrl-c", marks=pytest.mark.slow),
     ],
 )
 def test_a_refusal_or_an_interrupt_at_any_call_to_the_disk(
@@ -51,6 +53,7 @@ def test_a_refusal_or_an_interrupt_at_any_call_to_the_disk(
 
         return call
 
+    compacted = [name.replace(".tif", ".z.tif") for name in names(original)]
     fails_at, restored = 0, 0
     while True:
         fails_at += 1
@@ -74,7 +77,7 @@ def test_a_refusal_or_an_interrupt_at_any_call_to_the_disk(
         compact_session(folder)
         assert whole(folder)
         assert verify_session(folder).warnings == ()
-        assert names(folder) == ["D_100us.z.tif", "L00_E0.z.tif", "L01_E0.z.tif"]
+        assert names(folder) == compacted
     assert fails_at > 20
     # COMPLETE was restored whenever the end of the journal was known.
     assert restored > fails_at // 2

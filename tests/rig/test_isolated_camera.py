@@ -6,7 +6,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import time
 
 import pytest
@@ -139,19 +138,29 @@ camera = open_isolated(sys.argv[1])
 camera.configure(exposure_us=5_000_000)
 camera.arm()
 frame = camera.trigger()
-print(camera.pid, flush=True)
-camera.fetch(frame, 60) if sys.argv[2] == "waiting" else time.sleep(60)
+def ready():
+    print(camera.pid, flush=True)
+if sys.argv[2] == "waiting":
+    camera.fetch(frame, 60, ready)
+ready()
+time.sleep(60)
 """
 
 
-@pytest.mark.parametrize("when", ["waiting", "idle"])
-def test_a_killed_host_leaves_no_process_and_no_open_camera(bench, forks, when):
-    host = forks.start(_HOST, bench.device.cti, when)
-    pid = int(host.stdout.readline())
-    assert is_alive(pid)
-    host.end()
-    check_ends(pid)
-    shoot(bench, armed(bench), 4)
+def test_a_killed_host_leaves_no_process_and_no_open_camera(tmp_path, forks):
+    """While it waits for a frame, and while it does nothing; both start at the same time."""
+    hosts = {}
+    for when in ("waiting", "idle"):
+        (tmp_path / when).mkdir()
+        bench = IsolatedBench(tmp_path / when)
+        hosts[when] = bench, forks.start(_HOST, bench.device.cti, when)
+    for bench, host in hosts.values():
+        pid = int(host.stdout.readline())
+        assert is_alive(pid)
+        host.end()
+        check_ends(pid)
+        shoot(bench, armed(bench), 4)
+        bench.close()
 
 
 def test_a_library_that_holds_the_lock_for_ever_ends_the_process(forks):
@@ -173,10 +182,11 @@ isolated_process.main()
 """
 
 
-def test_what_a_library_prints_is_no_reply():
-    request = b'{"number": 1, "call": "open", "words": {}}\n'
-    command = [sys.executable, "-c", _NOISY]
-    ended = subprocess.run(command, input=request, capture_output=True, timeout=PATIENCE_S)
-    assert json.loads(ended.stdout) == {"number": 1, "error": ["CameraError", "refused", {}]}
-    assert ended.stderr == b"found 1 camera\n"
+def test_what_a_library_prints_is_no_reply(forks):
+    ended = forks.start(_NOISY)
+    ended.stdin.write('{"number": 1, "call": "open", "words": {}}\n')
+    ended.communicate()
+    ended.end()
+    assert json.loads(ended.out) == {"number": 1, "error": ["CameraError", "refused", {}]}
+    assert ended.err == "found 1 camera\n"
     assert ended.returncode == 0
