@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 
 SOFTWARE = "surface-geometry-processing"
 
 
+@cache
 def software_version() -> str:
     """Return the installed version, or ``unknown`` if the package is not installed.
 

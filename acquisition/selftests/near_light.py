@@ -208,9 +208,9 @@ def _scene(ratios: Float64, positions: Float64, points: Float64) -> _Scene:
     surface: Float64 = np.zeros((ratios.shape[1], 3))
     ridge = 1e-9 * count * np.eye(3)
     for _ in range(_ROUNDS):
-        trusted = weights * trust[:, None]
-        normal = np.einsum("kb,kbi,kbj->bij", trusted, arriving, arriving) + ridge
-        right = np.einsum("kb,kbi,kb->bi", trusted, arriving, seen / brightness[:, None])
+        trusted = (weights * trust[:, None])[..., None] * arriving
+        normal = trusted.transpose(1, 2, 0) @ arriving.transpose(1, 0, 2) + ridge
+        right = np.einsum("kbi,kb->bi", trusted, seen / brightness[:, None])
         surface = np.linalg.solve(normal, right[..., None])[..., 0]
         predicted = _shaded(surface, arriving)
         rest = np.where(known, np.abs(seen / brightness[:, None] - predicted), np.nan)
