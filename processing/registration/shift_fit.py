@@ -30,7 +30,7 @@ MARGIN: Final = 14
 _DARK: Final = 0.1
 _TUNING: Final = 2.0
 # Samples of all images; with more images, fewer pixels are enough.
-_MOST_SAMPLES: Final = 400_000
+_MOST_SAMPLES: Final = 144_000
 _FIRST_SAMPLES: Final = 48_000
 # Prior of shifts in pixels of the full images, and of relative strengths.
 _PRIOR_PX: Final = 40.0
