@@ -50,6 +50,8 @@ _LEAST_SUM = 0.5
 # this. Of the depth jumps of more than 2 mm (5 px) in four captured objects, two thirds are found.
 _JUMP_PX = 2.0
 _JUMP_TRUST = 0.3
+# Beyond rims of edges that are less probably continuous, a piece without known heights is a guess.
+_CONTINUOUS = 0.8
 # Edges with less trust do not connect pieces. At 0.6, 14 of 18 balls that hide their contact with
 # the ground are pieces of their own, at 0.7 all of them.
 _PIECE_TRUST = 0.7
@@ -255,16 +257,16 @@ class JumpProblem:
     def judged(self, u: Float64) -> tuple[Bool, Bool, Float32, Int32]:
         """Return the jumps to the right and down, the doubt and the pieces of a surface."""
         problem = self.alternation
-        apart = None if self.known is None else self._basins(u).pieces()
+        apart = None
+        if self.known is not None:
+            sure = [np.float32(each >= _CONTINUOUS) for each in self.evidence.continuity]
+            apart = Basins.of(problem.edges[:2], (sure[0], sure[1])).pieces()
         return _judged(u, _JUMP_PX / problem.scale, problem.edges[:2], problem.trust(u), apart)
 
     def _trust(self, u: Float64) -> Pair:
         """Return how much both pixels of each edge trust each other, where normals do, too."""
         own, continuity = self.alternation.trust(u), self.evidence.continuity
         return own[0] * continuity[0], own[1] * continuity[1]
-
-    def _basins(self, u: Float64) -> Basins:
-        return Basins.of(self.alternation.edges[:2], self._trust(u))
 
     def _searched(self) -> tuple[Alternated, int]:
         """Find pieces and place them, several times with resampled evidence, and once with all.
@@ -345,7 +347,8 @@ class JumpProblem:
             return self.alternation.solved(after=u)
         # Those of a larger map were moved in one of half the size.
         if self.mask.size <= _LARGEST_SEARCH:
-            u = self._basins(u).moved(u, self.known.target, self.known.weights > 0)
+            basins = Basins.of(self.alternation.edges[:2], self._trust(u))
+            u = basins.moved(u, self.known.target, self.known.weights > 0)
         return self.near(u.copy()).alternation.solved(after=u)
 
     def _halved(self) -> JumpProblem:
