@@ -18,7 +18,7 @@ BUDGET = {
     "rig": (4250, 49, 69),  # with `figure`, which all messages use
     "acquisition": (15900, 66, 158),
     "calibration": (10700, 30, 90),
-    "processing": (27164, 66, 247),
+    "processing": (27165, 66, 247),
     "simulator": (9050, 28, 77),
     "sgp": (18460, 0, 177),
 }

@@ -259,8 +259,10 @@ class JumpProblem:
         problem = self.alternation
         apart = None
         if self.known is not None:
-            sure = [np.float32(each >= _CONTINUOUS) for each in self.evidence.continuity]
-            apart = Basins.of(problem.edges[:2], (sure[0], sure[1])).pieces()
+            right, down = (
+                (each >= _CONTINUOUS).astype(np.float32) for each in self.evidence.continuity
+            )
+            apart = Basins.of(problem.edges[:2], (right, down)).pieces()
         return _judged(u, _JUMP_PX / problem.scale, problem.edges[:2], problem.trust(u), apart)
 
     def _trust(self, u: Float64) -> Pair:
