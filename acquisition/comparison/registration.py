@@ -215,8 +215,8 @@ class _Equations:
         slopes = [(_slopes(one) * np.float32(gain)), _slopes(two)]
         mean = (slopes[0] + slopes[1]) / 2
         self._gain, self._slopes, self._weight = gain, slopes, weight
-        # Sums over tiles: slopes times slopes, slopes times light, light times light, and scores.
-        terms = {
+        # Slopes times slopes, slopes times light, light times light, and scores.
+        self._terms = {
             "xx": slopes[0][0] * slopes[1][0],
             "xy": (slopes[0][0] * slopes[1][1] + slopes[0][1] * slopes[1][0]) / 2,
             "yy": slopes[0][1] * slopes[1][1],
@@ -227,8 +227,10 @@ class _Equations:
             "y": mean[1] * left,
             "l": one * left,
         }
-        self._sums = {name: _tile_sums(weight * term) for name, term in terms.items()}
-        self._total = {name: float(sums.sum()) for name, sums in self._sums.items()}
+        self._total = {
+            name: float(np.sum(weight * term, dtype=np.float64))
+            for name, term in self._terms.items()
+        }
 
     def step(self) -> tuple[Float64, float]:
         """Return the change of the shift, and the new gain."""
@@ -243,7 +245,9 @@ class _Equations:
         """Return the covariance of the shift from the scatter of the tiles' scores."""
         if not self._seen():
             return np.full((2, 2), np.inf)
-        scores = np.stack([sign * self._sums[name].ravel() for name, sign in _SCORES])
+        scores = np.stack(
+            [sign * _tile_sums(self._weight * self._terms[name]).ravel() for name, sign in _SCORES]
+        )
         inverse = np.linalg.inv(self._matrix())
         # The sandwich estimator: valid also where errors are correlated within a tile.
         by_scatter = (inverse @ (scores @ scores.T) @ inverse)[:2, :2]

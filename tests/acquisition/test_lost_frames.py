@@ -82,7 +82,7 @@ class _Bench:
             pytest.skip(str(error))
         config = RigConfig.model_validate(
             {"name": "lossy", "driver": "bench", "leds": LEDS, "trigger": trigger}
-            | {"settle_ms": 0.5, "frame_timeout_s": 0.5, "frame_period_ms": 10}
+            | {"settle_ms": 0.5, "frame_timeout_s": 0.25, "frame_period_ms": 10}
         )
         rig = Rig(Board(self.board.port), open_genicam(self.camera.cti), config)
         self._opened.callback(rig.close)
