@@ -24,6 +24,8 @@ _FEWEST: Final = 14
 # Parts of the images in full resolution, and their size in pixels.
 _TILES: Final = 40
 _TILE_PX: Final = (12, 40)
+# Fewest pixels of these parts that count, also of many images.
+_TILE_PIXELS: Final = 12_000
 # Blocks around the object that show its outline.
 _OUTLINE: Final = 12
 _BESIDE_SHADOWS: Final = 5
@@ -186,17 +188,16 @@ def find_image_shifts(
     shifts -= np.median(shifts, axis=0)
     whole = np.rint(shifts)
     patches = _tiles_of(images, mask, corners, side, whole, vectors_at)
-    fit = fit_shifts(patches, [shifts - whole], _STEPS[1])
+    fit = fit_shifts(patches, [shifts - whole], _STEPS[1], _TILE_PIXELS)
     shifts = whole + fit.shifts
     by_model = _BIAS_PX * (1 - fit.explained) ** 2
     sigma = np.sqrt(np.maximum(np.diag(fit.covariance), 0) + by_model**2).reshape(count, 2)
-    unmoved = _tiles_of(images, mask, corners, side, still, vectors_at)
     return ImageShifts(
         shifts - np.median(shifts, axis=0),
         sigma,
         fit.explained,
         fit.contrast,
-        fit.gain(unmoved),
+        fit.gain(_tiles_of(images, mask, corners, side, still, vectors_at)),
         math.sqrt(area),
     )
 

@@ -101,7 +101,7 @@ class ShiftFit:
         return 1 - state.cost / max(before.cost, 1e-300)
 
 
-def fit_shifts(patches: Patches, starts: Sequence[Float64], steps: int) -> ShiftFit:
+def fit_shifts(patches: Patches, starts: Sequence[Float64], steps: int, least: int = 0) -> ShiftFit:
     """Fit the shifts by damped Gauss-Newton steps, from the best of several starts.
 
     Parameters
@@ -112,9 +112,11 @@ def fit_shifts(patches: Patches, starts: Sequence[Float64], steps: int) -> Shift
         First shifts ``(N, 2)``, right and down, in pixels of the patches.
     steps
         Largest number of steps from each.
+    least
+        Fewest pixels that count, if there are so many, also of many images.
     """
     _, fine = _filtered(patches, np.zeros((len(patches.values), 2)))
-    pixels = _strongest(patches, fine, _MOST_SAMPLES // len(patches.values))
+    pixels = _strongest(patches, fine, max(_MOST_SAMPLES // len(patches.values), least))
     vectors = np.ascontiguousarray(patches.vectors(pixels))
     fits = []
     scale = None
