@@ -35,7 +35,7 @@ _SIZE = (480, 400)
 _SHIFTS = ("0", "0.2", "2", "8", "30", "creep")
 _NORMALS = ("creep", "30")
 # Shorter interpolated normals are at the outline.
-_WHOLE = 0.9
+WHOLE = 0.9
 
 
 def shifted(image: Float32, right: float, down: float) -> Float32:
@@ -76,7 +76,7 @@ def normals_deg(recording: Recording, align: AlignChoice, shifts: Float64) -> fl
     parts = [shifted(np.float32(part), *by) for part in np.moveaxis(recording.normals, 2, 0)]
     truth = np.stack(parts, axis=2)
     lengths = np.linalg.norm(truth, axis=2)
-    inside = made.normals.mask & (lengths > _WHOLE)
+    inside = made.normals.mask & (lengths > WHOLE)
     # `angle_deg` normalises.
     return float(angle_deg(made.normals.normals[inside], truth[inside]).mean())
 
