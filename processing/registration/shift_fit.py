@@ -29,7 +29,7 @@ MARGIN: Final = 14
 # Darker samples, relative to the brightest of their pixel, are probably in shadow.
 _DARK: Final = 0.1
 _TUNING: Final = 2.0
-# Samples of all images; with more images, fewer pixels are enough.
+# Samples of all images, if no more pixels are asked for; with more images, fewer are enough.
 _MOST_SAMPLES: Final = 144_000
 _FIRST_SAMPLES: Final = 48_000
 # Prior of shifts in pixels of the full images, and of relative strengths.
